@@ -165,7 +165,7 @@ def schemas() -> str:
 def _limits() -> list[str]:
     """What is refused of files, whoever wrote them."""
     from capture_cli.common import documents
-    from capture_cli.log.readers.csv import LONGEST_LINE
+    from capture_cli.log.readers.csv import SETTINGS as CSV
     from capture_cli.store import array_metadata, zarr_store
 
     of_text, of_stores = documents.SETTINGS, zarr_store.SETTINGS
@@ -184,7 +184,7 @@ def _limits() -> list[str]:
         f"{of_stores.most_times} times what it takes on disk; of a log, what `--max-log-size` says",
         "a CSV or Parquet file": f"at most {zarr_store.size(of_stores.most)}, also in memory; or what "
         "`--max-log-size` says",
-        "a line of a CSV file": f"fewer than {LONGEST_LINE} characters",
+        "a line of a CSV file": f"fewer than {CSV.longest_line} characters",
         "names of files that are given": "UTF-8",
     }
     lines = [_LIMITS.strip(), "", "| of | what is read |", "|---|---|"]

@@ -38,21 +38,18 @@ from capture_cli.log.white_noise import from_differences, trimmed_sd
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks import load_task
 from capture_cli.report.diagnosis_findings import summary
-from capture_cli.select.candidates import REFITTED, all_candidates, worth_a_refit
+from capture_cli.select.candidates import SETTINGS as CANDIDATES
+from capture_cli.select.candidates import all_candidates, worth_a_refit
 from capture_cli.select.criterion import bic_gain, paired_p_value, ratio_p_value
 from capture_cli.select.explain import Settings, starts_found
 from capture_cli.select.explanation import verdict as judged_as
 from capture_cli.select.log_parts import ENOUGH_WINDOWS, FIT, SELECT, TEST, Folds, LogParts, select_folds
-from capture_cli.select.rejection import MATERIAL, slight
-from capture_cli.select.residual_curves import (
-    HALF_WIDTH,
-    accelerations,
-    curve,
-    largest_around,
-    residual_curves,
-)
+from capture_cli.select.rejection import SETTINGS as REJECTION
+from capture_cli.select.rejection import slight
+from capture_cli.select.residual_curves import SETTINGS as RESIDUAL_CURVES
+from capture_cli.select.residual_curves import accelerations, curve, largest_around, residual_curves
 from capture_cli.select.score import score
-from capture_cli.select.search import MOST_EFFECTS
+from capture_cli.select.search import SETTINGS as SEARCH
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose, diagnose_prepared
 from capture_cli.stages.identify import identify
@@ -196,11 +193,11 @@ def test_folds_judge_only_what_was_not_fitted():
     [(10.0, 9.6, True), (10.0, 9.3, False), (1.12, 1.0, False), (1.12, 1.11, True), (3.0, 1.0, False)],
 )
 def test_an_effect_has_to_take_a_tenth_of_what_is_above_the_floor(before, after, is_slight):
-    why = slight(left_by([before]), left_by([after]), MATERIAL)
+    why = slight(left_by([before]), left_by([after]), REJECTION.material)
     assert (why is not None) == is_slight
     # nor does it matter how far below its floor another output is
     assert (
-        slight(left_by([before, 0.3, 0.3]), left_by([after, 0.3, 0.3]), MATERIAL) is not None
+        slight(left_by([before, 0.3, 0.3]), left_by([after, 0.3, 0.3]), REJECTION.material) is not None
     ) == is_slight
 
 
@@ -229,7 +226,7 @@ def test_candidates_that_say_the_same_leave_room_for_others():
     assert [c.number for c in refitted] == [0, 1, 2, 6, 7, 8, 9]
     assert [c.number for c in others] == [3, 4, 5, 10, 11, 12]
     refitted, _ = worth_a_refit([*ranked[:3], *[ranked[6]] * 3, *[ranked[7]] * 3])
-    assert len(refitted) == REFITTED
+    assert len(refitted) == CANDIDATES.refitted
 
 
 def test_variants_of_one_site_leave_room_for_other_effects():
@@ -477,7 +474,13 @@ def test_accelerations_of_unevenly_sampled_residuals():
 @pytest.mark.parametrize("steps", [3, 17, 40])
 def test_contacts_count_for_all_accelerations_that_are_taken_over_them(steps):
     values = np.random.default_rng(0).integers(0, 9, (2, steps))
-    around = [[v[max(0, i - HALF_WIDTH) : i + HALF_WIDTH + 1].max() for i in range(steps)] for v in values]
+    around = [
+        [
+            v[max(0, i - RESIDUAL_CURVES.half_width) : i + RESIDUAL_CURVES.half_width + 1].max()
+            for i in range(steps)
+        ]
+        for v in values
+    ]
     assert np.array_equal(largest_around(values), around)
 
 
@@ -780,7 +783,7 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
         progress = Progress("diagnose", "model", quiet=True)
         return diagnose_prepared(prepared, arm.space.nominal, settings, progress).document
 
-    document, one = found(MOST_EFFECTS), found(1)
+    document, one = found(SEARCH.most_effects), found(1)
     times = {e["site"]: e["parameters"]["time_constant"]["value"] for e in document["effects"]}
     assert {e["name"] for e in document["effects"]} == {"control-lag"}
     assert times == {"shoulder": pytest.approx(0.03, rel=0.1), "elbow": pytest.approx(0.05, rel=0.1)}

@@ -14,7 +14,8 @@ from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Best
 from capture_cli.estimate.solve.intervals import intervals, unit_covariance
-from capture_cli.estimate.solve.linearization import UNSEEN, Linearization
+from capture_cli.estimate.solve.linearization import SETTINGS as LINEARIZATION
+from capture_cli.estimate.solve.linearization import Linearization
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
 from capture_cli.stages.identify import identify
@@ -193,7 +194,7 @@ def test_where_contacts_stop_a_descent_the_way_left_to_go_is_in_the_interval(tmp
     ready = pucks(tmp_path, seed=3)
     at, space = linearized(ready, 0.13), ready.task.space
     hessian, gradient = at.normal(at.scatter)
-    short_of = np.abs(gradient / (hessian[0] + at.scatter / UNSEEN**2))
+    short_of = np.abs(gradient / (hessian[0] + at.scatter / LINEARIZATION.unseen**2))
     assert intervals(at).sd[0] == pytest.approx(
         space.span[0] * np.hypot(np.sqrt(unit_covariance(at)[0][0, 0]), short_of[0])
     )

@@ -29,7 +29,8 @@ from setting_numbers import set_numbers
 from capture_cli.errors import ModelError
 from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.log.input_sequences import CachedSequences
-from capture_cli.log.windows import LEAD, cut
+from capture_cli.log.windows import SETTINGS as WINDOWS
+from capture_cli.log.windows import cut
 from capture_cli.model import effects
 from capture_cli.model.effects._joint_force import inertia_felt
 from capture_cli.model.effects.base import (
@@ -976,7 +977,7 @@ def test_controls_are_remembered_for_as_long_as_the_docs_say(name, values, memor
 def test_no_actuator_remembers_longer_than_windows_know():
     for name in NAMES:
         for _, effect in placed(name):
-            assert effect.memory(effect.space.high[None]) <= LEAD
+            assert effect.memory(effect.space.high[None]) <= WINDOWS.lead
             assert effect.memory(effect.space.nominal[None]) == 0
 
 

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from setting_numbers import set_numbers
 
 from capture_cli.cli import main
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
-from capture_cli.select.experiment.excitation_range import MARGIN, STOP_GIVES, ExcitationRange, Quantities
+from capture_cli.select.experiment.excitation_range import SETTINGS as EXCITATION_RANGE
+from capture_cli.select.experiment.excitation_range import ExcitationRange, Quantities
 from capture_cli.stages.identify import identify
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
@@ -53,11 +55,11 @@ def test_what_is_near_is_what_the_log_shows_half_as_far_again(slider_task):
         shown = shown_by(task, position, simulated=simulated[:, None])
         assert shown.log[:2] == pytest.approx(np.array([[-0.1, 0.19], [0.0, 1.0]]))
         assert np.isnan(shown.log[2]).all()
-        span = MARGIN * 0.29 + 3 * SD
+        span = EXCITATION_RANGE.margin * 0.29 + 3 * SD
         expected = [
             [-0.1 - span, 0.19 + span],
-            [-MARGIN, 1 + MARGIN],
-            [-1 - 4 * STOP_GIVES, 3 + 4 * STOP_GIVES],
+            [-EXCITATION_RANGE.margin, 1 + EXCITATION_RANGE.margin],
+            [-1 - 4 * EXCITATION_RANGE.stop_gives, 3 + 4 * EXCITATION_RANGE.stop_gives],
         ]
         assert shown.near == pytest.approx(np.array(expected))
     nowhere = np.where(np.arange(40) < 30, position, np.inf)[:, None]
@@ -101,7 +103,9 @@ def test_how_far_what_is_predicted_goes_beyond(slider_task):
     low, high = shown.near[0]
     assert excess[0].tolist() == [0, 0, 0]
     assert excess[1] == pytest.approx([(3 - high) / (high - low), 0, 0])
-    assert excess[2, 2] == pytest.approx((1 - 4 * STOP_GIVES) / (4 * (1 + 2 * STOP_GIVES)))
+    assert excess[2, 2] == pytest.approx(
+        (1 - 4 * EXCITATION_RANGE.stop_gives) / (4 * (1 + 2 * EXCITATION_RANGE.stop_gives))
+    )
     assert shown.nearest(predicted, np.ones(3, bool)).tolist() == [True, False, False]
     assert shown.nearest(predicted, np.array([False, True, True])).tolist() == [False, True, False]
     assert shown.where_to(predicted, 2, "none stays").endswith("take q to 4 m (log -1 to 1)")
@@ -152,7 +156,7 @@ def test_what_is_proposed_takes_the_machine_no_further_than_it_is_known_to_go(li
 
 
 def test_where_nothing_stays_near_the_mildest_is_proposed_and_said_to_be_that(light, monkeypatch):
-    monkeypatch.setattr("capture_cli.stages.propose.SHARES", (1.0, 0.9))
+    set_numbers(monkeypatch, "capture_cli.stages.propose", "NEXT_EXPERIMENT", shares=(1.0, 0.9))
     proposal = propose(result=light, amplitude={"drive": 1e4}, threads=1)
     assert not proposal["is_near"]
     assert proposal["text"].startswith("the mildest of 8 multisines from rest")

@@ -15,7 +15,8 @@ from capture_cli.estimate.noise.noise_floor import NoiseFloor
 from capture_cli.estimate.solve.linearization import Evidence, Linearization
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks import load_task
-from capture_cli.select.experiment.expected_information import LARGEST_STEP, Axes, Sensitivities, information
+from capture_cli.select.experiment.expected_information import SETTINGS as EXPECTED_INFORMATION
+from capture_cli.select.experiment.expected_information import Axes, Sensitivities, information
 from capture_cli.stages.excitation.drive import Drive
 from capture_cli.stages.excitation.planned_episodes import Known, planned
 from capture_cli.stages.identify import identify
@@ -88,7 +89,7 @@ def test_the_gain_of_a_linear_experiment_is_that_of_the_formula(k, sd, correlati
     jacobian = np.random.default_rng(0).normal(size=(6, 3)) / np.array(sd)
     axes = Axes.of(SPACE, covariance)
     assert axes.step.min() >= 0.999 * SPACE.steps.min()
-    assert axes.step.max() <= LARGEST_STEP
+    assert axes.step.max() <= EXPECTED_INFORMATION.largest_step
     along = (jacobian * SPACE.span) @ (axes.directions * axes.sd)
     told = linearization(along.reshape(2, 3, 3))
     nothing = linearization(np.zeros((2, 3, 3)))

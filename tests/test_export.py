@@ -16,7 +16,8 @@ from machines import MACHINES, NAMES, away, controls, machine, placed, start
 from plain_loop import imported, looped
 
 from capture_cli.errors import ModelError, OutputError, StoreError
-from capture_cli.log.windows import MOST_DRIFT, cut
+from capture_cli.log.windows import SETTINGS as WINDOWS
+from capture_cli.log.windows import cut
 from capture_cli.model import effects
 from capture_cli.model.effects.base import Effect
 from capture_cli.model.effects.companion import companion_module
@@ -149,7 +150,9 @@ def played(written: Exported, task: Path) -> np.ndarray:
     data.qpos[:], data.qvel[:], data.time = begin.qpos[0], begin.qvel[0], begin.time[0]
     machine_ = loaded(str(task))
     tape = controls(machine_.model, 1)[0]
-    ahead = 1 + int(np.ceil(MOST_DRIFT * len(tape)))  # so much more is seen by sensors that look ahead
+    ahead = 1 + int(
+        np.ceil(WINDOWS.most_drift * len(tape))
+    )  # so much more is seen by sensors that look ahead
     tape = np.concatenate([tape, np.repeat(tape[-1:], ahead, axis=0)])
     substeps = round(machine_.timestep / model.opt.timestep)
     beside = imported(written.companion).Effects(model) if written.companion else None

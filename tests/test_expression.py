@@ -14,7 +14,8 @@ from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.model.effects._scales import characteristic_speed
 from capture_cli.model.tasks import load_task
 from capture_cli.select import search as attribution
-from capture_cli.select.expression import REST, expression_terms, formula
+from capture_cli.select.expression import SETTINGS as EXPRESSION
+from capture_cli.select.expression import expression_terms, formula
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
@@ -120,7 +121,9 @@ def test_the_sign_of_a_velocity_reads_as_it_is_simulated():
     for joint, (q, v) in enumerate(zip(world.qpos, world.qvel, strict=True)):
         signs = [t.term for t in terms if t.joint == joint and "tanh" in t.term.text]
         width = re.search(r"tanh\(v/([\d.e+-]+)\)", signs[0].text)
-        assert float(width[1]) == pytest.approx(REST * characteristic_speed(task.model, joint), rel=0.05)
+        assert float(width[1]) == pytest.approx(
+            EXPRESSION.rest * characteristic_speed(task.model, joint), rel=0.05
+        )
         value = np.tanh(v / float(width[1]))
         simulated = {t.text: eval(t.of("world", ""), {"np": np, "world": world}) for t in signs}
         assert simulated == {

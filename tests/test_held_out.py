@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from inspecting import inspect
+from setting_numbers import set_numbers
 
 from capture_cli.estimate.extrapolation import beyond_fitted
 from capture_cli.report import findings
@@ -55,7 +56,7 @@ def test_parameters_that_the_fit_hardly_minds_need_not_be_within_their_intervals
     options = {"real_log": tmp_path / "log.zarr", "quiet": True, "threads": 1}
     found = identify(out=tmp_path / "estimate", **options).document
     assert (found["verdict"], found["held_out"] is None) == ("explained", False)
-    monkeypatch.setattr("capture_cli.estimate.held_out.NEXT_TO_NOTHING", -1.0)
+    set_numbers(monkeypatch, "capture_cli.estimate.held_out", next_to_nothing=-1.0)
     assert identify(out=tmp_path / "minded", **options).document["verdict"] == "unexplained"
 
 

@@ -17,7 +17,8 @@ from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.turning_points import REMEMBERED, ways_before
+from capture_cli.log.turning_points import SETTINGS as TURNING_POINTS
+from capture_cli.log.turning_points import ways_before
 from capture_cli.model.effects.hysteretic_friction import Bristles, HystereticFriction
 from capture_cli.model.tasks import load_task
 from capture_cli.select.candidates import all_candidates
@@ -88,7 +89,7 @@ def test_bristles_are_wound_up_by_the_ways_as_by_every_step(path, distance):
     for step in np.diff(path):
         by_steps.move(step)
     turns = np.count_nonzero(np.diff(np.sign(np.diff(path))))
-    if turns < REMEMBERED:
+    if turns < TURNING_POINTS.remembered:
         assert by_ways.wound == pytest.approx(by_steps.wound, abs=1e-9)
         assert ways.sum() == pytest.approx(path[-1] - path[0], abs=1e-9)
     assert abs(by_ways.wound) <= 1

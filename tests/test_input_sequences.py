@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from setting_numbers import set_numbers
 
 from capture_cli.log.input_sequences import CachedSequences, LogSequences, input_sequences
 
@@ -24,7 +25,7 @@ def test_inputs_are_the_same_kept_or_read(name, linear, monkeypatch):
     log = {"time": TIMES[name](TIMESTEP * np.arange(200)), "timestep": TIMESTEP}
     log |= {"inputs": np.random.default_rng(0).standard_normal((200, 2)), "linear": np.array([False, linear])}
     kept = input_sequences(**log, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
-    monkeypatch.setattr("capture_cli.log.input_sequences.KEPT_BYTES", 0)
+    set_numbers(monkeypatch, "capture_cli.log.input_sequences", kept_bytes=0)
     read = input_sequences(**log, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
     assert isinstance(kept, CachedSequences) and isinstance(read, LogSequences)
     keep = np.array([3, 1, 4])

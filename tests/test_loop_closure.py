@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.estimate.initial_states.from_outputs import PRIOR_INFLATION, StartEstimate, estimate_starts
+from capture_cli.estimate.initial_states.from_outputs import SETTINGS as FROM_OUTPUTS
+from capture_cli.estimate.initial_states.from_outputs import StartEstimate, estimate_starts
 from capture_cli.model.loop_closure import LoopClosure, MeasuredPositions
 from capture_cli.model.states import Starts, offsets_between, shift
 from capture_cli.simulate.engine import Engine
@@ -120,7 +121,9 @@ def test_what_nothing_measures_follows_from_the_loop(name):
     off = errors(model, found.starts, qpos[at], qvel[at])
     assert np.abs(off[:, : model.nv]).max() < 20 * NOISE
     assert np.abs(off[:, model.nv :]).max() < 0.1
-    assert (np.abs(off) < PRIOR_INFLATION * found.sd + 1e-6).all()  # within what it says it is known to
+    assert (
+        np.abs(off) < FROM_OUTPUTS.prior_inflation * found.sd + 1e-6
+    ).all()  # within what it says it is known to
     assert found.sd[:, : model.nv].max() < 0.01  # where anything had been possible
 
 

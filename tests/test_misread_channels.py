@@ -13,7 +13,6 @@ from inspecting import inspect
 
 from capture_cli.estimate.misread_channels import (
     FACTORS,
-    MOST_PAIRS,
     Misread,
     Reading,
     _exchanged,
@@ -23,6 +22,7 @@ from capture_cli.estimate.misread_channels import (
     _values,
     misread_channels,
 )
+from capture_cli.estimate.misread_channels import SETTINGS as MISREAD_CHANNELS
 from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
@@ -170,7 +170,7 @@ def test_channels_are_exchanged_that_say_the_same_and_not_too_many():
     many = [{"": Channel(f"q{k}", "rad", f"c{k}", k)} for k in range(20)]
     error = {"q3": 2.0, "q7": 1.0}
     ways = list(_exchanged("outputs", many, error))
-    assert len(ways) == MOST_PAIRS
+    assert len(ways) == MISREAD_CHANNELS.most_pairs
     assert ways[0] == Reading("outputs", ("q3", "q7"), columns=("c7", "c3"))
     others = [
         Channel("w", "rad/s", "c", 0),

@@ -292,7 +292,7 @@ def log(slider_task) -> Path:
 def test_a_time_step_has_to_suit_the_log(slider_task, log, monkeypatch, step):
     """A step that a model may have, of another log."""
     if step == "0.000001":
-        monkeypatch.setattr("capture_cli.log.step_length.MOST_PER_SAMPLE", 1000)
+        set_numbers(monkeypatch, "capture_cli.log.step_length", most_per_sample=1000)
     edit(slider_task.with_name("model.xml"), STEP, f'timestep="{step}"')
     with pytest.raises(ModelError, match=f"the model steps by {float(step):g} s") as caught:
         identify_stage.identify(

@@ -20,8 +20,8 @@ from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
 from capture_cli.select.experiment import next_experiment as menu
 from capture_cli.select.experiment.excitation_range import ExcitationRange
+from capture_cli.select.experiment.next_experiment import SETTINGS as NEXT_EXPERIMENT
 from capture_cli.select.experiment.next_experiment import (
-    BANDS,
     SHARES,
     driven_motion,
     driven_windows,
@@ -72,7 +72,7 @@ def test_an_experiment_that_tells_two_effects_apart_is_found_and_what_it_took_is
     found = next_experiment(fits, mine, [other], seed=0, shown=shown_in(fits))
     assert found["separation"] > 3
     assert found["text"].startswith("to tell it from cubic-stiffness@x: drive from rest")
-    assert fits.rollouts == 2 * len(BANDS) * len(SHARES)
+    assert fits.rollouts == 2 * len(NEXT_EXPERIMENT.bands) * len(SHARES)
 
 
 def test_an_experiment_that_takes_the_machine_near_its_log_is_taken_before_one_that_tells_more(fits):
@@ -182,7 +182,7 @@ def test_what_is_proposed_is_what_was_judged(tmp_path, monkeypatch):
     found = next_experiment(fits, mine, [other], seed=5, shown=shown_in(fits))
     diagnosis_of(tmp_path, fits, found)
     proposal = propose(result=tmp_path, seed=1)
-    choices = [(list(band), share) for band in BANDS for share in SHARES]
+    choices = [(list(band), share) for band in NEXT_EXPERIMENT.bands for share in SHARES]
     share = max(found["peaks"]) / np.abs(fits.prepared.log.inputs).max()
     time, tapes = judged[0]
     tape = tapes[choices.index((found["band_hz"], min(SHARES, key=lambda s: abs(s - share))))]

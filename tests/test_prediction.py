@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from capture_cli.estimate.model_fits import ModelFits
-from capture_cli.estimate.prediction import HORIZONS, PredictingModel, prediction_errors
+from capture_cli.estimate.prediction import SETTINGS as PREDICTION
+from capture_cli.estimate.prediction import PredictingModel, prediction_errors
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.model.effects.placed import Placed
@@ -91,7 +92,7 @@ def test_a_free_run_is_that_of_a_plain_loop(prepared):
 def test_a_right_model_is_at_the_noise_and_a_wrong_one_the_farther_the_longer(prepared):
     log = prepared(noise=1e-4, episodes=3, duration=4.0)
     right, wrong = (by_horizon(errors(log, model(log, p))["fit"]) for p in (TRUTH, TRUTH | {"mass": 1.5}))
-    assert [*right] == [*wrong] == [*HORIZONS, None]
+    assert [*right] == [*wrong] == [*PREDICTION.horizons, None]
     assert right[0.1] < 1.6
     assert right[0.1] < wrong[0.1] < wrong[0.5] < wrong[2.0] < wrong[None]
     assert wrong[None] > 2 * right[None]

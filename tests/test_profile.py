@@ -11,7 +11,8 @@ import pytest
 
 from capture_cli.cli import main
 from capture_cli.common.quantities import significant
-from capture_cli.estimate.solve._profile import CLOSE, hanging, profile
+from capture_cli.estimate.solve._profile import SETTINGS as PROFILE
+from capture_cli.estimate.solve._profile import hanging, profile
 from capture_cli.estimate.solve.intervals import intervals
 from capture_cli.estimate.solve.linearization import Evidence, Linearization, Trial, columns
 from capture_cli.model.parameters import Parameter, ParameterSpace
@@ -77,7 +78,7 @@ def grips(grip, mass):
 
 def test_a_parabola_is_excluded_where_its_interval_ends():
     seen, found, _ = profiled(lambda p: 0.05 * p * TIME, (0.5,), (0.5,), which=[0])
-    assert seen.excluded[0] == pytest.approx([found.low[0], found.high[0]], abs=2 * CLOSE)
+    assert seen.excluded[0] == pytest.approx([found.low[0], found.high[0]], abs=2 * PROFILE.close)
 
 
 def test_what_was_never_reached_is_bounded_from_one_side():
@@ -106,8 +107,8 @@ def test_along_a_product_the_range_of_the_other_is_the_limit(truth):
             continue
         others = np.array([0.5, 1.5])
         least, most = (others * quotient if n == 0 else others / quotient) - 0.5
-        assert np.isnan(ends[0]) if least <= 0 else least - 0.03 < ends[0] < least + CLOSE
-        assert np.isnan(ends[1]) if most >= 1 else most - CLOSE < ends[1] < most + 0.03
+        assert np.isnan(ends[0]) if least <= 0 else least - 0.03 < ends[0] < least + PROFILE.close
+        assert np.isnan(ends[1]) if most >= 1 else most - PROFILE.close < ends[1] < most + 0.03
 
 
 def test_where_a_place_is_better_the_search_ends():
@@ -133,9 +134,9 @@ def test_what_diverges_is_not_excluded():
     log = Log(lambda p: 0.05 * p * TIME, (0.5,), (0.5,), diverges=lambda p: p < 0.2)
     least, most = log.profile([0]).excluded[0]
     assert np.isnan(least)
-    assert most == pytest.approx(log.intervals.high[0], abs=2 * CLOSE)
+    assert most == pytest.approx(log.intervals.high[0], abs=2 * PROFILE.close)
     log = Log(lambda p: 0.05 * p * TIME, (0.5,), (0.5,), diverges=lambda p: p < 0.2 and p > 0.1)
-    assert log.profile([0]).excluded[0, 0] < log.intervals.low[0] + CLOSE
+    assert log.profile([0]).excluded[0, 0] < log.intervals.low[0] + PROFILE.close
 
 
 def test_what_slipped_by_a_hair_hangs():

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom, truncnorm
 
-from capture_cli.estimate.solve._sampled_posterior import AWAY, is_rough, sampled_posterior
+from capture_cli.estimate.solve._sampled_posterior import SETTINGS as SAMPLED_POSTERIOR
+from capture_cli.estimate.solve._sampled_posterior import is_rough, sampled_posterior
 from capture_cli.estimate.solve.intervals import intervals, unit_covariance
 from capture_cli.estimate.solve.linearization import Evidence, Linearization, Trial, columns
 from capture_cli.model.parameters import Parameter, ParameterSpace
@@ -78,7 +79,7 @@ def test_two_parameters_that_are_nearly_one_are_compared_along_their_ridge(ratio
     assert abs(covariance[0, 1]) > 0.99 * np.sqrt(np.diag(covariance).prod())
     assert not is_rough(at, covariance, evaluate)
     distance = np.einsum("np,pq,nq->n", asked[-1], np.linalg.inv(covariance), asked[-1])
-    assert np.sqrt(distance) == pytest.approx(np.full(4, AWAY))
+    assert np.sqrt(distance) == pytest.approx(np.full(4, SAMPLED_POSTERIOR.away))
 
 
 def test_where_starts_are_fitted_the_curvature_is_all_there_is():

@@ -95,7 +95,7 @@ def test_inputs_that_are_read_off_the_log_drive_as_those_kept_do(slider, name, s
     points = np.array([[1.0, 2.0, value], [2.0, 2.0, value / 2]])
     outputs = []
     for bound in (math.inf, 0):
-        monkeypatch.setattr("capture_cli.log.input_sequences.KEPT_BYTES", bound)
+        set_numbers(monkeypatch, "capture_cli.log.input_sequences", kept_bytes=bound)
         windows = cut_windows(task)
         placed = Placed(name, REGISTRY.get(name)(task.model, site))
         for effects, at in (([placed], points), ([], points[:, :2])):

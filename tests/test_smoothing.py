@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from capture_cli.estimate.balance.smoothing import FEWEST, ORDER, smooth
+from capture_cli.estimate.balance.smoothing import FEWEST, smooth
+from capture_cli.estimate.balance.smoothing import SETTINGS as SMOOTHING
 
 RATE, NOISE = 250.0, 1e-3  # Hz; sd of the samples
 FREQUENCIES = (0.7, 1.9)  # Hz
@@ -102,10 +103,12 @@ def test_polynomials_that_cost_nothing_pass_the_filter(every):
     (time,) = clocks(4, stretches=1, samples=301)
     (series,) = smooth([time], noisy([time], 5, 1e-2))
     at = time[::every]
-    columns = np.stack([(at - at[0]) ** k for k in range(ORDER + 1)], axis=1)
+    columns = np.stack([(at - at[0]) ** k for k in range(SMOOTHING.order + 1)], axis=1)
     passed = series.filtered(columns, at)
-    np.testing.assert_allclose(passed[:, :ORDER], columns[:, :ORDER], rtol=0, atol=1e-6)
-    assert np.abs(passed[:, ORDER] - columns[:, ORDER]).max() > 1e-6  # what costs something does not
+    np.testing.assert_allclose(passed[:, : SMOOTHING.order], columns[:, : SMOOTHING.order], rtol=0, atol=1e-6)
+    assert (
+        np.abs(passed[:, SMOOTHING.order] - columns[:, SMOOTHING.order]).max() > 1e-6
+    )  # what costs something does not
 
 
 def test_the_filter_is_what_the_samples_went_through():

@@ -11,7 +11,7 @@ from pyarrow import parquet
 
 from capture_cli.errors import LogError
 from capture_cli.log.readers import open_source
-from capture_cli.log.readers.csv import LONGEST_LINE
+from capture_cli.log.readers.csv import SETTINGS as CSV
 
 ROWS = 200
 
@@ -49,7 +49,7 @@ def test_a_name_of_more_characters_than_a_csv_reader_takes(capture, tmp_path, sl
 
 
 @pytest.mark.parametrize("where", ["header", "first row", "later row"])
-@pytest.mark.parametrize("length", [131_073, 2 * LONGEST_LINE])
+@pytest.mark.parametrize("length", [131_073, 2 * CSV.longest_line])
 def test_a_cell_of_any_length_ends_with_a_cure(capture, tmp_path, slider_task, columns, where, length):
     lines = ["t_s,u_N,q_m", *rows(columns)]
     number = {"header": 0, "first row": 1, "later row": 30}[where]
@@ -68,7 +68,7 @@ def test_a_file_without_line_breaks_is_not_read_whole(tmp_path):
     path = tmp_path / "run.csv"
     with path.open("wb") as file:
         file.truncate(400_000_000)  # takes nothing
-    assert f"line 1 has {LONGEST_LINE} characters or more" in refusal(path, "t_s")
+    assert f"line 1 has {CSV.longest_line} characters or more" in refusal(path, "t_s")
 
 
 def test_a_file_larger_than_the_limit_is_not_read(capture, tmp_path, slider_task, columns):

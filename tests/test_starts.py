@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from capture_cli.estimate.initial_states.from_outputs import SETTINGS as FROM_OUTPUTS
 from capture_cli.estimate.initial_states.from_outputs import (
-    PRIOR_INFLATION,
     StartEstimate,
     estimate_starts,
     from_episodes,
@@ -105,9 +105,9 @@ ALL = ("x", "ball", "where", "how")
 
 def test_errors_are_within_the_standard_deviation_and_that_is_not_idle(model, motion):
     found, error = estimate(model, motion, ALL, noise=1e-3)
-    in_sd = np.abs(error) / found.sd  # the sd is a prior's, of a local fit inflated by PRIOR_INFLATION
+    in_sd = np.abs(error) / found.sd  # the sd is a prior's, of a local fit inflated by prior_inflation
     assert in_sd.max() < 1
-    assert in_sd.max(axis=0).min() > 0.3 / PRIOR_INFLATION
+    assert in_sd.max(axis=0).min() > 0.3 / FROM_OUTPUTS.prior_inflation
 
 
 def test_an_attitude_is_known_alike_about_every_axis(model):
@@ -116,7 +116,7 @@ def test_an_attitude_is_known_alike_about_every_axis(model):
         model, columns(model, "how"), model_starts(model, 2).starts, np.array([1e-6, 1e-3, 1e-3, 1e-3])
     )
     flyer = slice(7, 10)
-    np.testing.assert_allclose(found.sd[:, flyer], PRIOR_INFLATION * 2e-3, rtol=1e-6)
+    np.testing.assert_allclose(found.sd[:, flyer], FROM_OUTPUTS.prior_inflation * 2e-3, rtol=1e-6)
     assert found.sd.sum() == pytest.approx(found.sd[:, flyer].sum())
 
 
@@ -179,7 +179,7 @@ def test_starts_by_a_slow_sensor_are_as_well_known_as_they_say(model, motion, ev
     found, error = estimate(model, motion, ALL, noise=1e-3, sampled=sampled, first=first)
     in_sd = np.abs(error) / found.sd
     assert in_sd.max() < 1.2
-    assert in_sd.max(axis=0).min() > 0.2 / PRIOR_INFLATION
+    assert in_sd.max(axis=0).min() > 0.2 / FROM_OUTPUTS.prior_inflation
     at = np.arange(0, len(time) - 60, 10 * every)
     some, whole = (
         estimate(model, (time, sensors, qpos, qvel), ALL, noise=0.0, sampled=sampled, first=at)[0],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from setting_numbers import set_numbers
 
 from capture_cli.estimate.initial_states import refined as _window_starts
 from capture_cli.estimate.initial_states.refined import fit_starts
@@ -43,13 +44,13 @@ def fitted(also: float | None = None, counted: list[int] | None = None) -> tuple
 def test_a_window_that_got_stuck_is_begun_elsewhere(monkeypatch):
     offsets, residual = fitted()
     assert offsets[-1] == pytest.approx(1.2, abs=0.5) and residual.max() < 4
-    monkeypatch.setattr(_window_starts, "SEARCHES", 0)
+    set_numbers(monkeypatch, _window_starts, searches=0)
     offsets, residual = fitted()
     assert offsets[-1] < 0 and residual[-1] > 4 > residual[:-1].max()
 
 
 def test_windows_begin_at_either_of_two_starts(monkeypatch):
-    monkeypatch.setattr(_window_starts, "SEARCHES", 0)
+    set_numbers(monkeypatch, _window_starts, searches=0)
     (alone, left), (offsets, residual) = fitted(), fitted(also=0.5)
     assert alone[-1] < 0.3 < offsets[-1], "out of its valley"
     assert residual[-1] < left[-1]
@@ -58,7 +59,7 @@ def test_windows_begin_at_either_of_two_starts(monkeypatch):
 
 def test_only_windows_that_get_better_are_linearised(monkeypatch):
     """A round asks for one simulation of every window, and for the differences of those that it helped."""
-    monkeypatch.setattr(_window_starts, "SEARCHES", 0)
+    set_numbers(monkeypatch, _window_starts, searches=0)
     counted: list[int] = []
     fitted(counted=counted)
     first, *rounds = counted

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.log.windows import GAP_FACTOR, LEAD, MOST_DRIFT, Windows, cut, stretches
+from capture_cli.log.windows import SETTINGS as WINDOWS
+from capture_cli.log.windows import Windows, cut, stretches
 
 TIMESTEP = 1 / 512  # s; this and all times are dyadic, so that sums of them are exact
 TICK = TIMESTEP / 4
@@ -57,7 +58,7 @@ def is_gap(time: np.ndarray) -> np.ndarray:
     """Which intervals of an episode are gaps, (step - 1,)."""
     if len(time) < 3:
         return np.zeros(len(time) - 1, dtype=bool)
-    return np.diff(time) > GAP_FACTOR * np.median(np.diff(time))
+    return np.diff(time) > WINDOWS.gap_factor * np.median(np.diff(time))
 
 
 @settings(max_examples=60, deadline=None)
@@ -132,7 +133,7 @@ def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, 
 
 def test_the_past_is_no_longer_than_any_actuator_remembers():
     windows, _ = windows_of([np.arange(4000) / 256], 0.5)
-    assert windows.tapes.lead == LEAD / TIMESTEP
+    assert windows.tapes.lead == WINDOWS.lead / TIMESTEP
     whole, _ = windows_of([np.arange(400) / 256], None)
     assert whole.tapes.lead == 0
 
@@ -141,7 +142,7 @@ def test_inputs_are_known_after_a_window_as_far_as_a_clock_may_drift():
     time = np.arange(4000) / 256
     windows, log = windows_of([time], 0.5)
     ahead = windows.tapes.stop - windows.grid
-    assert ahead == np.ceil(MOST_DRIFT * windows.time[-1] / TIMESTEP)
+    assert ahead == np.ceil(WINDOWS.most_drift * windows.time[-1] / TIMESTEP)
     np.testing.assert_array_equal(windows.elapsed, windows.time - time[0])
     after = windows.time[0] + TIMESTEP * (windows.grid + np.arange(ahead))
     held = [mean_over_step(time, log["inputs"], t)[0] for t in after]

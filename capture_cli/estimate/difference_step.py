@@ -9,21 +9,28 @@ what of it is left where the starts are fitted too: of a slope that starts make 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Trial
-from capture_cli.estimate.solve.linearization import ROUGH_START_STEP, Linearization, columns
+from capture_cli.estimate.solve.linearization import SETTINGS as LINEARIZATION
+from capture_cli.estimate.solve.linearization import Linearization, columns
 from capture_cli.model.contacts import can_hit
 from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Simulator
 
-STEPS = (1e-4, 1e-3, 1e-2, 5e-2)  # shares of a parameter's range
-AGREE = 0.3  # of a slope, that one over the next step may differ by
-WINDOWS = 64  # evenly spread, that it is measured in: of a few none need hit anything
+
+@dataclass(frozen=True)
+class DifferenceStepSettings:
+    steps: tuple[float, ...] = (1e-4, 1e-3, 1e-2, 5e-2)  # shares of a parameter's range
+    agree: float = 0.3  # of a slope, that one over the next step may differ by
+    windows: int = 64  # evenly spread, that it is measured in: of a few none need hit anything
+
+
+SETTINGS = DifferenceStepSettings()
 
 
 def difference_step(
@@ -36,22 +43,24 @@ def difference_step(
     where None, with starts at `offsets` (window, state), as measured where None; 0: none is too short. And how many
     windows were simulated to see that.
 
-    The shortest of STEPS over which the slopes of all parameters are those over the next, the longest where there is
+    The shortest of `steps` over which the slopes of all parameters are those over the next, the longest where there is
     none. 0, too, where the task says which it needs, nothing is open, or no two bodies touch and no joint or tendon
     is at a stop.
     """
     space, model = prepared.task.space, prepared.task.model
-    if not len(space) or space.steps.max() > STEPS[0] or not can_hit(model):
+    if not len(space) or space.steps.max() > SETTINGS.steps[0] or not can_hit(model):
         return 0.0, 0
     point = space.nominal if point is None else point
     offsets = np.zeros_like(prepared.starts.sd) if offsets is None else offsets
-    some = evenly_spread(len(prepared.windows), WINDOWS)
+    some = evenly_spread(len(prepared.windows), SETTINGS.windows)
     few, offsets = prepared.part(some), offsets[some]
     simulator = Simulator(prepared.task, engine=Engine(model, threads))
     if not _hits(few, simulator, point, offsets):
         return 0.0, simulator.rollouts
-    rough = (_disagreement(few, simulator, point, offsets) > AGREE).any(axis=1)
-    longer = next((s for s, r in zip(STEPS[1:], rough[1:], strict=False) if not r), STEPS[-1])
+    rough = (_disagreement(few, simulator, point, offsets) > SETTINGS.agree).any(axis=1)
+    longer = next(
+        (s for s, r in zip(SETTINGS.steps[1:], rough[1:], strict=False) if not r), SETTINGS.steps[-1]
+    )
     return longer if rough[0] else 0.0, simulator.rollouts
 
 
@@ -63,7 +72,7 @@ def hits_something(
     """
     if not can_hit(prepared.task.model):
         return False
-    some = evenly_spread(len(prepared.windows), WINDOWS)
+    some = evenly_spread(len(prepared.windows), SETTINGS.windows)
     return _hits(prepared.part(some), simulator, point, offsets[some])
 
 
@@ -76,21 +85,24 @@ def _hits(part: PreparedLog, simulator: Simulator, point: np.ndarray, offsets: n
 def _disagreement(
     part: PreparedLog, simulator: Simulator, point: np.ndarray, offsets: np.ndarray
 ) -> np.ndarray:
-    """By which share of it a slope differs from that over the next step of STEPS, (step, parameter), starts eliminated;
-    0 of a parameter that shows nowhere.
+    """By which share of it a slope differs from that over the next of `steps`, (step, parameter), starts eliminated; 0
+    of a parameter that shows nowhere.
     """
-    evidence = replace(part.evidence(simulator), start_step=ROUGH_START_STEP)
+    evidence = replace(part.evidence(simulator), start_step=LINEARIZATION.rough_start_step)
     space = simulator.space
     x = space.to_unit(point)
     towards = np.where(x < 0.5, 1.0, -1.0)
-    moves = np.array([np.diag(step * towards) for step in STEPS])
+    moves = np.array([np.diag(step * towards) for step in SETTINGS.steps])
     points = (x + moves).reshape(-1, len(x))
     outputs, lost = part.evaluate(simulator, columns(evidence, x, offsets, parameters=False))
     at = Linearization.from_columns(evidence, x, offsets, outputs, lost, parameters=False)
     trial = Trial(space.from_unit(points), np.repeat(offsets[None], len(points), axis=0))
     outputs, diverged = part.evaluate(simulator, trial)
     change = (evidence.residual(outputs) - at.residual) * ~(diverged.any(axis=0) | lost[0])[:, None]
-    slope = change.reshape(len(STEPS), len(x), *at.residual.shape) / np.array(STEPS)[:, None, None, None]
+    slope = (
+        change.reshape(len(SETTINGS.steps), len(x), *at.residual.shape)
+        / np.array(SETTINGS.steps)[:, None, None, None]
+    )
     apart, size = _information(at, slope[:-1] - slope[1:]), _information(at, slope[1:])
     return np.sqrt(np.divide(apart, size, out=np.zeros_like(size), where=size > 0))
 

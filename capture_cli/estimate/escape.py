@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from capture_cli.estimate.fit import AS_GOOD, TOLERANCE, Fit
+from capture_cli.estimate.fit import SETTINGS as FIT
+from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.linearization import best_trials
@@ -16,7 +17,13 @@ from capture_cli.estimate.solve.linearization import best_trials
 if TYPE_CHECKING:
     from capture_cli.estimate.model_fits import ModelFits
 
-WAYS_OUT = 5  # that are taken, of minima that contacts make
+
+@dataclass(frozen=True)
+class EscapeSettings:
+    ways_out: int = 5  # that are taken, of minima that contacts make
+
+
+SETTINGS = EscapeSettings()
 
 
 def unstuck(
@@ -26,7 +33,7 @@ def unstuck(
 
     descend(point (parameter,), offsets (window, state)) -> a fit of the same model. rival: another model's fit.
     """
-    for _ in range(WAYS_OUT if part.difference_step else 1):
+    for _ in range(SETTINGS.ways_out if part.difference_step else 1):
         if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
             break
         way = way_out(fits, part, fit, whole_step=bool(part.difference_step))
@@ -38,7 +45,7 @@ def unstuck(
 
 
 def way_out(
-    fits: ModelFits, part: PreparedLog, fit: Fit, *, whole_step: bool, worth: float = AS_GOOD
+    fits: ModelFits, part: PreparedLog, fit: Fit, *, whole_step: bool, worth: float = FIT.as_good
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """A better point (parameter,), and offsets (window, state), that no step of all of them together leads to; None
     where there is none.
@@ -50,13 +57,13 @@ def way_out(
     make the error rough there always is one.
     """
     k, before = fit.at.scatter, fit.at.objectives(fit.at.scatter)
-    found = fits.starts_at(part, fit, TOLERANCE, fit.offsets, np.zeros_like(fit.offsets))
+    found = fits.starts_at(part, fit, FIT.tolerance, fit.offsets, np.zeros_like(fit.offsets))
     offsets = np.stack([fit.offsets, found.offsets])
     best, values = best_trials(offsets, np.stack([before, found.objectives(k)]))
     ways = [(values.sum(), fit.point, best)]
     if whole_step and len(fit.point):
         point = fit.space.from_unit(fit.at.x + fit.at.whole_step)
-        there = fits.starts_at(part, replace(fit, point=point), TOLERANCE, best)
+        there = fits.starts_at(part, replace(fit, point=point), FIT.tolerance, best)
         ways.append((there.objectives(k).sum(), point, there.offsets))
     value, point, offsets = min(ways, key=lambda way: way[0])
     return (point, offsets) if before.sum() - value > worth * k else None

@@ -9,8 +9,14 @@ import numpy as np
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
 
-BEYOND = 0.1  # of the range that was fitted: less is where any two parts of a log differ
-MOSTLY = 0.5  # of the squared error that was held out: with less something else differs as well
+
+@dataclass(frozen=True)
+class ExtrapolationSettings:
+    beyond: float = 0.1  # of the range that was fitted: less is where any two parts of a log differ
+    mostly: float = 0.5  # of the squared error that was held out: with less something else differs as well
+
+
+SETTINGS = ExtrapolationSettings()
 
 
 @dataclass(frozen=True)
@@ -57,9 +63,9 @@ def _beyond(output: int, fitted, low: np.ndarray, high: np.ndarray, squares: np.
     if least > most:
         return None  # it was never sampled where it was fitted
     below, above = least - low[:, output], high[:, output] - most
-    leaves = np.maximum(below, above) > BEYOND * (most - least)
+    leaves = np.maximum(below, above) > SETTINGS.beyond * (most - least)
     share = float(squares[leaves].sum() / squares.sum())
-    if not share > MOSTLY:  # nor is it where the simulation runs away and there is no error
+    if not share > SETTINGS.mostly:  # nor is it where the simulation runs away and there is no error
         return None
     reached = low[:, output].min() if below.max() > above.max() else high[:, output].max()
     return Beyond(output, least, most, float(reached), share)

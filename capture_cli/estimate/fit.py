@@ -10,18 +10,26 @@ import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.estimate.prepared_log import PreparedLog
-from capture_cli.estimate.solve.least_squares import HOPELESS
+from capture_cli.estimate.solve.least_squares import SETTINGS as LEAST_SQUARES
 from capture_cli.estimate.solve.linearization import Linearization
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import ParameterSpace
 
-# Evenly spread windows are scored on, at most so many; of many steps (hard contacts need short ones) fewer: a score
-# needs no more.
-SCORED_WINDOWS, SCORED_STEPS, FEWEST_SCORED = 40, 20_000, 12
 
-TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
-EXACT = 3e-3  # for what is reported
-AS_GOOD = 3.84  # of the objective over k: 95 % of what chance makes of one number
+@dataclass(frozen=True)
+class FitSettings:
+    # Evenly spread windows are scored on, at most so many; of many steps (hard contacts need short ones)
+    # fewer: a score needs no more.
+    scored_windows: int = 40
+    scored_steps: int = 20_000
+    fewest_scored: int = 12
+    # of the objective over k: a third of a standard error is enough to compare models by
+    tolerance: float = 0.1
+    exact: float = 3e-3  # for what is reported
+    as_good: float = 3.84  # of the objective over k: 95 % of what chance makes of one number
+
+
+SETTINGS = FitSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +62,7 @@ class Fit:
 
     def is_far_behind(self, rival: Fit | None) -> bool:
         """Whether there is no hope of doing as well as `rival`."""
-        return rival is not None and self.error > HOPELESS * rival.error
+        return rival is not None and self.error > LEAST_SQUARES.hopeless * rival.error
 
     @property
     def offsets(self) -> np.ndarray:
@@ -94,8 +102,8 @@ def least(fits: Sequence[Fit | None]) -> Fit | None:
 def thinned(part: PreparedLog, fit: Fit) -> tuple[PreparedLog, Linearization]:
     """As many windows of the part as a score needs, and the fit's linearization on them."""
     count = len(part.windows)
-    affordable = SCORED_STEPS / part.windows.grid_steps.mean()
-    most = int(np.clip(affordable, FEWEST_SCORED, SCORED_WINDOWS))
+    affordable = SETTINGS.scored_steps / part.windows.grid_steps.mean()
+    most = int(np.clip(affordable, SETTINGS.fewest_scored, SETTINGS.scored_windows))
     if count <= most:
         return part, fit.at
     keep = evenly_spread(count, most)

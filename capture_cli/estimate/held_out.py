@@ -17,14 +17,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture_cli.estimate.extrapolation import Beyond, beyond_fitted
-from capture_cli.estimate.fit import EXACT, Fit
+from capture_cli.estimate.fit import SETTINGS as FIT
+from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 
-DRAWN = 32  # points where a fit to the whole log may begin
-BY_CHANCE = 1e-3  # the probability that parameters are farther off than this
-NEXT_TO_NOTHING = 0.01  # noise floors that what was fitted may be worse
+
+@dataclass(frozen=True)
+class HeldOutSettings:
+    drawn: int = 32  # points where a fit to the whole log may begin
+    by_chance: float = 1e-3  # the probability that parameters are farther off than this
+    next_to_nothing: float = 0.01  # noise floors that what was fitted may be worse
+
+
+SETTINGS = HeldOutSettings()
 
 
 @dataclass(frozen=True)
@@ -68,11 +75,11 @@ def _whole(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_te
         _begin(fits, fit, in_unit, on),
         near=fit,
         offsets=on.offsets,
-        tolerance=EXACT,
+        tolerance=FIT.exact,
     )
     if whole is None or not _leaves_nothing(whole, is_test):
         return None
-    if not _by_chance(fit, whole, in_unit) and _loss(whole, on, ~is_test) > NEXT_TO_NOTHING:
+    if not _by_chance(fit, whole, in_unit) and _loss(whole, on, ~is_test) > SETTINGS.next_to_nothing:
         return None
     return whole
 
@@ -82,7 +89,7 @@ def _begin(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit) -> np
     open: contacts may hide the way to it.
     """
     space, generator = fit.space, np.random.default_rng(0)
-    drawn = generator.multivariate_normal(space.to_unit(fit.point), covariance, DRAWN, method="eigh")
+    drawn = generator.multivariate_normal(space.to_unit(fit.point), covariance, SETTINGS.drawn, method="eigh")
     points = np.concatenate([fit.point[None], space.from_unit(np.clip(drawn, 0, 1))])
     return points[np.argmin(fits.objectives(fits.prepared, fit, on, points))]
 
@@ -104,4 +111,4 @@ def _by_chance(fit: Fit, whole: Fit, covariance: np.ndarray) -> bool:
 
     off = (whole.point - fit.point) / fit.space.span
     distance = float(off @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True) @ off)
-    return distance <= chdtri(len(off), BY_CHANCE)
+    return distance <= chdtri(len(off), SETTINGS.by_chance)

@@ -6,7 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from capture_cli.estimate.fit import AS_GOOD, Fit
+from capture_cli.estimate.fit import SETTINGS as FIT
+from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -15,7 +16,7 @@ from capture_cli.estimate.solve.intervals import Intervals
 
 
 def profiled(
-    fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals, *, worth: float = AS_GOOD
+    fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals, *, worth: float = FIT.as_good
 ) -> Profile | None:
     """The profile of what the intervals `found` of the `fit` to the part say is not identifiable, or is not as well
     known as they say; None where there is neither, and where the model lacks something: noise is not what is left then.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,16 +15,25 @@ from capture_cli.estimate.solve.base import Trial
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.shorter_window import set_shorter
 from capture_cli.log.step_length import unsuitable_step
-from capture_cli.log.windows import FEWEST_IN_WINDOW, SHORTEST_EPISODE, usual_interval
+from capture_cli.log.windows import SETTINGS as WINDOWS
+from capture_cli.log.windows import usual_interval
 from capture_cli.model.coordinate_sources import unmeasured_joints
 from capture_cli.model.tasks.base import Channel, Task
 from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Simulator
 
-MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move some output
-MOVED_AT_FIRST = 16  # windows, evenly spread
-MOVES_LEAST = 1e-4  # of the noise floor: less is nothing
-FEWEST_SAMPLES = 8  # of the longest episode
+
+@dataclass(frozen=True)
+class LogRequirementsSettings:
+    moves_share: float = 0.05  # of the range: the step with which a parameter must move some output
+    moved_at_first: int = 16  # windows, evenly spread
+    moves_least: float = 1e-4  # of the noise floor: less is nothing
+    fewest_samples: int = 8  # of the longest episode
+
+
+SETTINGS = LogRequirementsSettings()
+
+
 IMPORT_AGAIN = "import it again: columns, scales and offsets are applied by `capture import-log`"
 
 
@@ -129,19 +139,20 @@ def check_long_enough(log: MeasuredLog, duration: float | None) -> None:
     if duration is not None and not 0 < duration < np.inf:
         raise OptionError(f"--window {duration:g}", cure="give a positive number of seconds")
     longest = log.longest
-    if duration is not None and longest < SHORTEST_EPISODE * duration:
+    if duration is not None and longest < WINDOWS.shortest_episode * duration:
         raise LogError(
             f"{log.path}: its longest episode lasts {longest:.3g} s, and a window {duration:.3g} s",
             cure=set_shorter(longest, log.steps_of_longest, option=True),
         )
-    if max(e.stop - e.start for e in log.episodes) < FEWEST_SAMPLES:
+    if max(e.stop - e.start for e in log.episodes) < SETTINGS.fewest_samples:
         raise LogError(
-            f"{log.path}: no episode has {FEWEST_SAMPLES} samples", cure="record longer, or at a higher rate"
+            f"{log.path}: no episode has {SETTINGS.fewest_samples} samples",
+            cure="record longer, or at a higher rate",
         )
     interval = _interval(log)
-    if duration is not None and duration < FEWEST_IN_WINDOW * interval:
+    if duration is not None and duration < WINDOWS.fewest_in_window * interval:
         raise LogError(
-            f"{log.path}: a window of {duration:.3g} s holds fewer than {FEWEST_IN_WINDOW} samples, "
+            f"{log.path}: a window of {duration:.3g} s holds fewer than {WINDOWS.fewest_in_window} samples, "
             f"which are {interval:.3g} s apart",
             cure="set a longer `window` under [log] of the task.toml, or pass --window",
         )
@@ -179,8 +190,11 @@ def check_parameters_move_outputs(prepared: PreparedLog, *, seed: int, threads: 
         return 0
     random = np.random.default_rng(seed).uniform(0.1, 0.9, len(space))
     bases = np.clip([space.to_unit(space.nominal), np.full(len(space), 0.5), random], 0, 1)
-    some = prepared.part(evenly_spread(len(prepared.windows), MOVED_AT_FIRST))
-    short = [(some, base, base + np.where(base < 0.5, MOVES_SHARE, -MOVES_SHARE)) for base in bases]
+    some = prepared.part(evenly_spread(len(prepared.windows), SETTINGS.moved_at_first))
+    short = [
+        (some, base, base + np.where(base < 0.5, SETTINGS.moves_share, -SETTINGS.moves_share))
+        for base in bases
+    ]
     far = [(prepared, base, np.full(len(space), end)) for base in bases for end in (0.0, 1.0)]
     still, seen = np.ones(len(space), dtype=bool), np.zeros(len(space), dtype=bool)
     for part, base, to in [*short, *far]:
@@ -211,7 +225,7 @@ def _moves_outputs(
     outputs, diverged = part.evaluate(simulator, Trial(simulator.space.from_unit(moved), offsets))
     change = np.abs(evidence.residual(outputs[1:]) - evidence.residual(outputs[:1])).max(axis=2)
     valid = ~(diverged[1:] | diverged[:1])
-    return (valid & (change > MOVES_LEAST)).any(axis=1), valid.any(axis=1)
+    return (valid & (change > SETTINGS.moves_least)).any(axis=1), valid.any(axis=1)
 
 
 def all_diverged(task: Task) -> FitError:

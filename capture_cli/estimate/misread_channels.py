@@ -25,15 +25,26 @@ FACTORS = {  # by which a channel may have to be multiplied
     180 / np.pi: "times 180/pi, as what is in radians already",
     np.pi / 30: "times pi/30, as what is in turns a minute",
 }
-# Windows and rounds of a fit: to each reading, to the best share of them, and to the best of these
-GLANCE, SECOND_GLANCE, LOOK = (3, 3), (6, 6), (12, 15)
-BEST, LOOKED_AT = 0.25, 4
-BETTER = 0.3  # of what the fit leaves as the log was read
-RIGHT = 0.25  # of the motion: a model that leaves more, read so, does not tell how the log is to be read
-AS_GOOD = 1.5  # times what the best reading leaves: another that may be meant
-MOST_PAIRS = 56  # of channels that are exchanged: all of eight in each of two units
-ABOVE = 3.0  # times the noise floor: an output that moves less does not
-LARGEST_SHARE = 3.0  # of the motion of one output: beyond it is nonsense, however far
+
+
+@dataclass(frozen=True)
+class MisreadChannelsSettings:
+    # Windows and rounds of a fit: to each reading, to the best share of them, and to the best of these
+    glance: tuple[int, int] = (3, 3)
+    second_glance: tuple[int, int] = (6, 6)
+    look: tuple[int, int] = (12, 15)
+    best: float = 0.25
+    looked_at: int = 4
+    better: float = 0.3  # of what the fit leaves as the log was read
+    # of the motion: a model that leaves more, read so, does not tell how the log is to be read
+    right: float = 0.25
+    as_good: float = 1.5  # times what the best reading leaves: another that may be meant
+    most_pairs: int = 56  # of channels that are exchanged: all of eight in each of two units
+    above: float = 3.0  # times the noise floor: an output that moves less does not
+    largest_share: float = 3.0  # of the motion of one output: beyond it is nonsense, however far
+
+
+SETTINGS = MisreadChannelsSettings()
 
 
 @dataclass(frozen=True)
@@ -87,7 +98,7 @@ def misread_channels(
     window: s, as the log was cut. on_step (done, of how many).
     """
     looks = _Looks(prepared, window, threads)
-    shares = looks.shares(prepared, *LOOK)
+    shares = looks.shares(prepared, *SETTINGS.look)
     before = _total(shares)
     orders = list(_orders(prepared))
     others = [Reading(*group, factor) for group in _groups(prepared) for factor in FACTORS]
@@ -101,10 +112,10 @@ def misread_channels(
 
         tell(0)
         best = looks.promising(ways, tell)
-        left = sorted((looks.left(way, *LOOK), k) for k, way in enumerate(best))
-        if left and left[0][0] < min(BETTER * before, RIGHT):
+        left = sorted((looks.left(way, *SETTINGS.look), k) for k, way in enumerate(best))
+        if left and left[0][0] < min(SETTINGS.better * before, SETTINGS.right):
             least = left[0][0]
-            readings = tuple(best[k] for after, k in left if after < AS_GOOD * least)
+            readings = tuple(best[k] for after, k in left if after < SETTINGS.as_good * least)
             return Misread(readings, before, least), looks.rollouts
     return None, looks.rollouts
 
@@ -123,7 +134,7 @@ class _Looks:
     def promising(self, ways: Sequence[Reading], on_step: Callable[[int], None]) -> Sequence[Reading]:
         """Those of `ways` that leave least at a glance; all where they are few. on_step (number of a glance)."""
         done = 0
-        for glance, most in ((GLANCE, _of_best(ways)), (SECOND_GLANCE, LOOKED_AT)):
+        for glance, most in ((SETTINGS.glance, _of_best(ways)), (SETTINGS.second_glance, SETTINGS.looked_at)):
             if len(ways) <= most:
                 continue
             left = []
@@ -149,7 +160,7 @@ class _Looks:
         return _total(self._shares(part, rounds))
 
     def shares(self, whole: PreparedLog, windows: int, rounds: int) -> np.ndarray:
-        """Share of the motion of each output that a fit to so many windows leaves, (output,), LARGEST_SHARE at most,
+        """Share of the motion of each output that a fit to so many windows leaves, (output,), `largest_share` at most,
         NaN of those that do not move and inf where every trial diverges.
         """
         return self._shares(whole.part(self._few(windows)), rounds)
@@ -168,7 +179,7 @@ class _Looks:
 
 def _of_best(ways: Sequence[Reading]) -> int:
     """How many of so many are glanced at once more."""
-    return max(LOOKED_AT, round(BEST * len(ways)))
+    return max(SETTINGS.looked_at, round(SETTINGS.best * len(ways)))
 
 
 def _values(prepared: PreparedLog, way: Reading) -> np.ndarray:
@@ -233,7 +244,7 @@ def _exchanged(
     said = [{what: (c.unit, c.sparse) for what, c in thing.items()} for thing in things]
     size = [max(error.get(c.name, 0.0) for c in thing.values()) for thing in things]
     pairs = [(a, b) for a, b in combinations(range(len(things)), 2) if said[a] == said[b]]
-    for pair in sorted(pairs, key=lambda p: (-size[p[0]] - size[p[1]], p[1] - p[0]))[:MOST_PAIRS]:
+    for pair in sorted(pairs, key=lambda p: (-size[p[0]] - size[p[1]], p[1] - p[0]))[: SETTINGS.most_pairs]:
         one, other = (things[k] for k in pair)
         channels = [*one.values(), *(other[what] for what in one)]
         columns = tuple(c.column for c in channels)
@@ -269,11 +280,11 @@ def _shares(part: PreparedLog, residual: np.ndarray) -> np.ndarray:
         np.square(np.where(sampled, values, 0.0)).sum(axis=(0, 1))
         for values in (residual, part.windows.measured - mean)
     )
-    moves = moved > np.square(ABOVE * part.noise.sd) * sampled.sum(axis=(0, 1))
+    moves = moved > np.square(SETTINGS.above * part.noise.sd) * sampled.sum(axis=(0, 1))
     if not moves.any():
         return np.full(len(moves), np.inf)
     shares = np.sqrt(left / np.maximum(moved, np.finfo(float).tiny))
-    return np.where(moves, np.minimum(shares, LARGEST_SHARE), np.nan)
+    return np.where(moves, np.minimum(shares, SETTINGS.largest_share), np.nan)
 
 
 def _total(shares: np.ndarray) -> float:

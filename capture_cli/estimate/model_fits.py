@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
 
@@ -11,13 +11,15 @@ import numpy as np
 
 from capture_cli.estimate.checkpoint import Kept, kept_fit, kept_part
 from capture_cli.estimate.escape import unstuck
-from capture_cli.estimate.fit import TOLERANCE, Fit
+from capture_cli.estimate.fit import SETTINGS as FIT
+from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.initial_states.refined import fit_starts
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Best, Trial, run
 from capture_cli.estimate.solve.intervals import unit_covariance
-from capture_cli.estimate.solve.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
+from capture_cli.estimate.solve.least_squares import SETTINGS as LEAST_SQUARES
+from capture_cli.estimate.solve.least_squares import LeastSquares
 from capture_cli.estimate.solve.linearization import (
     Evidence,
     Known,
@@ -32,7 +34,13 @@ from capture_cli.model.parameters import ParameterSpace
 from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Begun, Motion, Simulator
 
-FIT_ROUNDS = 60
+
+@dataclass(frozen=True)
+class ModelFitsSettings:
+    fit_rounds: int = 60
+
+
+SETTINGS = ModelFitsSettings()
 
 
 class ModelFits:
@@ -74,8 +82,8 @@ class ModelFits:
         near: Fit | None = None,
         offsets: np.ndarray | None = None,
         starts: int = 1,
-        rounds: int = FIT_ROUNDS,
-        tolerance: float = TOLERANCE,
+        rounds: int = SETTINGS.fit_rounds,
+        tolerance: float = FIT.tolerance,
         seed: int = 0,
         rival: Fit | None = None,
         to_reach: float = np.inf,
@@ -197,7 +205,7 @@ class ModelFits:
         """
         simulator = self.simulator(effects)
         evidence = part.evidence(simulator)
-        measured = tolerance < TOLERANCE
+        measured = tolerance < FIT.tolerance
         simpler = rival is not None and len(simulator.space) < len(rival.space)
         to_beat = to_reach if rival is None else min(to_reach, rival.error)
         solver = LeastSquares(
@@ -212,13 +220,15 @@ class ModelFits:
             to_beat=to_beat,
             measured=measured,
             needed=needed,
-            patience=LONG_PATIENCE if simpler or np.isfinite(to_reach) else PATIENCE,
+            patience=LEAST_SQUARES.long_patience
+            if simpler or np.isfinite(to_reach)
+            else LEAST_SQUARES.patience,
         )
         best = run(solver, lambda trial: part.evaluate(simulator, trial))
         if not np.isfinite(best.error):
             return None
         fit = self.at(part, effects, best, solver.at, measured=measured)
-        return replace(fit, finished=not (solver.gave_up or fit.error > HOPELESS * to_beat))
+        return replace(fit, finished=not (solver.gave_up or fit.error > LEAST_SQUARES.hopeless * to_beat))
 
     def _known(self, near: Fit, effects: Sequence[Placed], evidence: Evidence) -> Known | None:
         """What `near` says of the sensitivities of a model with `effects`."""
@@ -293,7 +303,7 @@ class ModelFits:
         self,
         part: PreparedLog,
         fit: Fit,
-        tolerance: float = TOLERANCE,
+        tolerance: float = FIT.tolerance,
         offsets: np.ndarray | None = None,
         *,
         thorough: bool = False,

@@ -26,13 +26,19 @@ from capture_cli.log.windows import Spans, stretches, usual_interval
 from capture_cli.model.coordinate_sources import sources_of
 from capture_cli.model.effects.placed import Placed
 
-HORIZONS = (0.1, 0.5, 2.0)  # s; and the whole of every episode
-# Predictions of one horizon in one part of the log, at most: a root mean square of so many is good to 10 %. No horizon
-# costs more than to simulate the log once.
-STARTS = 100
-LONG = 1.5  # times the longest of them: a window that is longer has room for several predictions
-SAME = 1.05  # times a horizon: episodes that are no longer are told in free run alone
-ROUNDING = 1e-6  # of a horizon, by which the stamp of a sample at its end may be late
+
+@dataclass(frozen=True)
+class PredictionSettings:
+    horizons: tuple[float, ...] = (0.1, 0.5, 2.0)  # s; and the whole of every episode
+    # Predictions of one horizon in one part of the log, at most: a root mean square of so many is good to 10
+    # %. No horizon costs more than to simulate the log once.
+    starts: int = 100
+    long: float = 1.5  # times the longest of them: a window that is longer has room for several predictions
+    same: float = 1.05  # times a horizon: episodes that are no longer are told in free run alone
+    rounding: float = 1e-6  # of a horizon, by which the stamp of a sample at its end may be late
+
+
+SETTINGS = PredictionSettings()
 
 
 @dataclass(frozen=True)
@@ -123,11 +129,11 @@ class _Predictions:
         if not own:
             return None
         found, left_out = [], []
-        for horizon in HORIZONS:
+        for horizon in SETTINGS.horizons:
             spans = self._spans(own, horizon)
             if not len(spans):
                 left_out.append(self._why(own, horizon, is_test))
-            elif SAME * horizon < self._longest(own):
+            elif SETTINGS.same * horizon < self._longest(own):
                 found.append(Prediction(horizon, *self._predicted(spans, free=False)))
         whole = Spans(*np.array([(s.episode, s.begun, s.first, s.stop) for s in own]).T)
         free_runs = Prediction(None, *self._predicted(whole, free=True))
@@ -147,15 +153,15 @@ class _Predictions:
 
     def _windows_are_long(self) -> bool:
         windows = self.prepared.windows
-        return float(np.median(windows.grid_steps)) * windows.timestep > LONG * HORIZONS[-1]
+        return float(np.median(windows.grid_steps)) * windows.timestep > SETTINGS.long * SETTINGS.horizons[-1]
 
     def _spans(self, own: Sequence[_Stretch], horizon: float) -> Spans:
-        """Where runs of `horizon` s are in the stretches: as many as cover them once, or STARTS."""
+        """Where runs of `horizon` s are in the stretches: as many as cover them once, or `starts`."""
         found = []
         for stretch in own:
             time = self.time[stretch.first : stretch.stop]
             steps = np.searchsorted(time, time[self._starts(stretch, horizon)])
-            stops = np.searchsorted(time, time[steps] + horizon * (1 + ROUNDING), side="right")
+            stops = np.searchsorted(time, time[steps] + horizon * (1 + SETTINGS.rounding), side="right")
             found += [
                 (stretch.episode, stretch.begun, stretch.first + a, stretch.first + b)
                 for a, b in zip(steps, stops, strict=True)
@@ -164,7 +170,7 @@ class _Predictions:
         if not found:
             return Spans(*np.zeros((4, 0), dtype=int))
         seconds = sum(self.time[s.stop - 1] - self.time[s.first] for s in own)
-        most = max(1, min(STARTS, int(np.ceil(seconds / horizon))))
+        most = max(1, min(SETTINGS.starts, int(np.ceil(seconds / horizon))))
         return Spans(*np.array(found)[evenly_spread(len(found), most)].T)
 
     def _starts(self, stretch: _Stretch, horizon: float) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,14 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.quaternion_signs import continuous
 from capture_cli.model.tasks.base import Task
 
-REPEATED_SAMPLES = (16, 100)  # half a window within these: over how long repeats are compared
+
+@dataclass(frozen=True)
+class PrepareSettings:
+    # half a window within these: over how long repeats are compared
+    repeated_samples: tuple[int, int] = (16, 100)
+
+
+SETTINGS = PrepareSettings()
 
 
 def prepare(
@@ -61,7 +68,7 @@ def prepare(
         [c.noise_sd for c in task.outputs],
         time=log.time,
         driven_by=driven_by(log),
-        block=int(np.clip(np.median(windows.samples) / 2, *REPEATED_SAMPLES)),
+        block=int(np.clip(np.median(windows.samples) / 2, *SETTINGS.repeated_samples)),
         attitudes=attitudes(task),
         sampled=log.sampled,
     )

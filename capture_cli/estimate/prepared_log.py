@@ -12,10 +12,10 @@ from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.initial_states.from_outputs import StartEstimate
 from capture_cli.estimate.noise.noise_floor import NoiseFloor
 from capture_cli.estimate.solve.base import Evidence, Trial
-from capture_cli.estimate.solve.linearization import ROUGH_START_STEP, START_STEP
+from capture_cli.estimate.solve.linearization import SETTINGS as LINEARIZATION
 from capture_cli.estimate.split import Split
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.reported_motion import MOST_LATE
+from capture_cli.log.reported_motion import SETTINGS as REPORTED_MOTION
 from capture_cli.log.windows import Windows
 from capture_cli.model.quaternion_signs import aligned, quaternion_columns
 from capture_cli.model.states import offsets_between, shift
@@ -90,7 +90,9 @@ class PreparedLog:
             self.noise.sd,
             self._start_sd(simulator),
             hidden_tried=simulator.hidden_tried(),
-            start_step=ROUGH_START_STEP if simulator.difference_step else START_STEP,
+            start_step=LINEARIZATION.rough_start_step
+            if simulator.difference_step
+            else LINEARIZATION.start_step,
             attitudes=attitudes(self.task),
         )
 
@@ -98,7 +100,7 @@ class PreparedLog:
         """How well states are known at the start of each window, those of effects last, (window, state)."""
         own, reported = self.starts.sd, self.starts.reported
         if simulator.begins_early and reported is not None:
-            before_the_log = (self.windows.known < MOST_LATE)[:, None]
+            before_the_log = (self.windows.known < REPORTED_MOTION.most_late)[:, None]
             own = np.hypot(own, before_the_log * reported.unseen(own.shape[1]))
         return np.concatenate([own, simulator.hidden_sd(self.windows)], axis=1)
 

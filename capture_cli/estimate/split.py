@@ -11,13 +11,23 @@ import numpy as np
 from capture_cli.errors import LogError, OptionError
 from capture_cli.log.shorter_window import set_shorter
 
-TEST_SHARE = 0.25
-# Of the samples, that whole episodes may keep back: with fewer what judges says nothing, with more what is fitted does
-LEAST_HELD, MOST_HELD = 0.05, 2 / 3
-ENOUGH_EPISODES = 4  # to choose those that are kept back at random, rather than the last
-DRAWS = 20  # of episodes that are about as long as they should be
+
+@dataclass(frozen=True)
+class SplitSettings:
+    test_share: float = 0.25
+    # Of the samples, that whole episodes may keep back: with fewer what judges says nothing, with more what
+    # is fitted does
+    least_held: float = 0.05
+    most_held: float = 2 / 3
+    enough_episodes: int = 4  # to choose those that are kept back at random, rather than the last
+    draws: int = 20  # of episodes that are about as long as they should be
+    most_named: int = 5  # episodes that are kept back and named
+
+
+SETTINGS = SplitSettings()
+
+
 UNEQUAL = "the episodes are too unequal to hold out whole ones"
-MOST_NAMED = 5  # episodes that are kept back and named
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,7 @@ def split_windows(
         return _last_block(len(episode), duration, int(samples.sum()))
     shares = np.bincount(of_window, weights=samples) / samples.sum()
     for held in _tries(len(episodes), seed):
-        if LEAST_HELD <= shares[held].sum() <= MOST_HELD:
+        if SETTINGS.least_held <= shares[held].sum() <= SETTINGS.most_held:
             names = [recording_names[i] for i in recording]
             return Split(np.isin(of_window, held), _said(held, episodes, names))
     block = _last_block(len(episode), duration, int(samples.sum()))
@@ -84,18 +94,18 @@ def split_windows(
 
 def _tries(count: int, seed: int) -> Iterator[np.ndarray]:
     """Of so many episodes the numbers of those that may be kept back, the most welcome first."""
-    if count < ENOUGH_EPISODES:
+    if count < SETTINGS.enough_episodes:
         yield from (np.array([last]) for last in reversed(range(count)))
         return
     generator = np.random.default_rng(seed)
-    size = max(1, round(TEST_SHARE * count))
-    yield from (generator.choice(count, size=size, replace=False) for _ in range(DRAWS))
+    size = max(1, round(SETTINGS.test_share * count))
+    yield from (generator.choice(count, size=size, replace=False) for _ in range(SETTINGS.draws))
 
 
 def _said(held: np.ndarray, episodes: np.ndarray, names: Sequence[str]) -> str:
     """held: which of `episodes`, the numbers of those that have windows; names: as of `episodes_held_out`."""
     count = len(episodes)
-    if count < ENOUGH_EPISODES and held[0] == count - 1:
+    if count < SETTINGS.enough_episodes and held[0] == count - 1:
         return f"last of {count} episodes held out"
     return episodes_held_out(episodes[held], count, names)
 
@@ -105,7 +115,7 @@ def episodes_held_out(held: Sequence[int], count: int, names: Sequence[str] = ()
     go where no two share one.
     """
     how, held = f"{len(held)} of {count} episodes held out", sorted(held)
-    if len(held) > MOST_NAMED:
+    if len(held) > SETTINGS.most_named:
         return how
     if len(names) == len(set(names)) == count:
         return f"{how}: {', '.join(names[i] for i in held)}"
@@ -141,6 +151,6 @@ def _last_block(windows: int, duration: float, samples: int) -> Split:
             f"the log, {duration:.3g} s, is one window long: too short to hold any back",
             cure=f"{set_shorter(duration, samples, option=True)}, or pass --test none to hold out nothing",
         )
-    count = max(1, round(TEST_SHARE * windows))
+    count = max(1, round(SETTINGS.test_share * windows))
     is_test[-count:] = True
     return Split(is_test, f"last {count} of {windows} windows held out")

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.estimate.fit import AS_GOOD, Fit, thinned
+from capture_cli.estimate.fit import SETTINGS as FIT
+from capture_cli.estimate.fit import Fit, thinned
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.intervals import Intervals
@@ -20,10 +21,18 @@ from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks.base import ActionTask
 
 FINER = "finer-time-step"
-MATERIAL = 0.003  # of a value, or of its range where that is larger by ten times: less is nobody's concern
-AS_WELL = 9.0  # of the objective over k: no worse by more, a window is explained as well
-MOST_WINDOWS = 0.75  # of those simulated have to be
-SURE = 2.0  # sd of the estimate: less is lost in them
+
+
+@dataclass(frozen=True)
+class TimeStepSettings:
+    # of a value, or of its range where that is larger by ten times: less is nobody's concern
+    material: float = 0.003
+    as_well: float = 9.0  # of the objective over k: no worse by more, a window is explained as well
+    most_windows: float = 0.75  # of those simulated have to be
+    sure: float = 2.0  # sd of the estimate: less is lost in them
+
+
+SETTINGS = TimeStepSettings()
 
 
 @dataclass(frozen=True)
@@ -59,22 +68,24 @@ def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals)
     there = _in_steps_of(fits, part, replace(fit, at=at), finer)
     if there is None:
         return None
-    k, worse = at.scatter, AS_GOOD
+    k, worse = at.scatter, FIT.as_good
     if at.evidence.rough:
         led = _in_steps_of(fits, part, _led(fit, there, k), finer)
         if led is None:
             return None
-        keep = np.flatnonzero(led.objectives(k) <= at.objectives(k) + AS_WELL * k)
-        if len(keep) < MOST_WINDOWS * len(part.windows):
+        keep = np.flatnonzero(led.objectives(k) <= at.objectives(k) + SETTINGS.as_well * k)
+        if len(keep) < SETTINGS.most_windows * len(part.windows):
             return None
-        at, there, worse = at.windows(keep), there.windows(keep), -AS_GOOD
+        at, there, worse = at.windows(keep), there.windows(keep), -FIT.as_good
     left, begin = _lowest(at, k)
     left_there, end = _lowest(there, k)
     if left_there > left + worse * k:
         return None
     change = (end - begin) * fit.space.span
     size = np.maximum(np.abs(fit.point), 0.1 * fit.space.span)
-    concerns = found.identifiable & (np.abs(change) > np.maximum(MATERIAL * size, SURE * found.sd))
+    concerns = found.identifiable & (
+        np.abs(change) > np.maximum(SETTINGS.material * size, SETTINGS.sure * found.sd)
+    )
     moved = [int(i) for i in np.argsort(-np.abs(change) / size) if concerns[i]]
     point = np.clip(fit.point + change, fit.space.low, fit.space.high)
     step = float(model.opt.timestep)

@@ -6,10 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-# A sample this close before a grid point, in steps, belongs to it: times in files are rounded.
-GRID_TOLERANCE = 1e-3
-# Tapes of all windows up to this size are kept. Larger ones, which overlap, are read off the log when asked for.
-KEPT_BYTES = 64 << 20
+
+@dataclass(frozen=True)
+class InputSequencesSettings:
+    # A sample this close before a grid point, in steps, belongs to it: times in files are rounded.
+    grid_tolerance: float = 1e-3
+    # Tapes of all windows up to this size are kept. Larger ones, which overlap, are read off the log when asked for.
+    kept_bytes: int = 64 << 20
+
+
+SETTINGS = InputSequencesSettings()
 
 
 @dataclass(frozen=True)
@@ -96,7 +102,7 @@ def input_sequences(
     """
     steps = timestep * np.arange(-lead, stop)
     each = ((time[a] + steps, slice(*span)) for a, span in zip(first, known, strict=True))
-    if len(first) * len(steps) * inputs.shape[1] * inputs.itemsize <= KEPT_BYTES:
+    if len(first) * len(steps) * inputs.shape[1] * inputs.itemsize <= SETTINGS.kept_bytes:
         kept = [inputs_at(times, time[own], inputs[own], timestep, linear) for times, own in each]
         return CachedSequences(np.stack(kept), lead)
     sums_from = np.array([_sums_from(times, time[own], timestep) for times, own in each])
@@ -142,7 +148,7 @@ def _held_through(time: np.ndarray, times: np.ndarray, timestep: float) -> tuple
     """Which of the samples at `time` is held at the beginning of each step, (step,), and the steps in which another
     follows.
     """
-    tolerance = GRID_TOLERANCE * timestep
+    tolerance = SETTINGS.grid_tolerance * timestep
     held = _held(time, times, tolerance)
     return held, np.flatnonzero(_held(time, times + timestep, -tolerance) > held)
 

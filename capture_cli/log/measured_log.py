@@ -84,7 +84,14 @@ SHAPE = {  # of the attributes
 }
 # the cure where it takes more memory than is read
 LARGER = "if it is that long, say how much may be read, say --max-log-size 2GB; otherwise copy it again"
-FEWEST_OF_A_SPARSE = 5  # samples of an episode: with fewer nobody can tell how the output moves
+
+
+@dataclass(frozen=True)
+class MeasuredLogSettings:
+    fewest_of_a_sparse: int = 5  # samples of an episode: with fewer nobody can tell how the output moves
+
+
+SETTINGS = MeasuredLogSettings()
 
 
 @dataclass(frozen=True)
@@ -203,7 +210,7 @@ class MeasuredLog:
     def _check_samples(self) -> None:
         """Raise LogError where a sparse output has next to no sample in an episode."""
         counts = np.add.reduceat(self.sampled, [e.start for e in self.episodes], axis=0, dtype=int)
-        few = np.argwhere(self.is_sparse & (counts < FEWEST_OF_A_SPARSE))
+        few = np.argwhere(self.is_sparse & (counts < SETTINGS.fewest_of_a_sparse))
         if few.size:
             number, k = few[0]
             where = f"{self.path}: " if self.path else ""
@@ -212,7 +219,7 @@ class MeasuredLog:
             raise LogError(
                 f"{where}output {self.output_names[k]!r} has {counts[number, k]} samples in the "
                 f"{episode.stop - episode.start} steps of episode {number} (recording {recording!r}), and even "
-                f"a sparse output needs {FEWEST_OF_A_SPARSE}",
+                f"a sparse output needs {SETTINGS.fewest_of_a_sparse}",
                 cure="check its column; leave that episode out, record longer, or take the output out of the task.toml",
             )
 

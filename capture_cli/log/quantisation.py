@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-FEWEST_LEVELS = 3
-MOST_LEVELS = 0.25  # of the samples: of a series with more, hardly any value comes twice
-FINEST = 1e-6  # of the range: levels closer than this are one, but for how it was printed or added up
-TOLERANCE = 0.05  # of a step: digits that a file leaves out move levels
-MOST_OFF = 0.01  # of the levels
+
+@dataclass(frozen=True)
+class QuantisationSettings:
+    fewest_levels: int = 3
+    most_levels: float = 0.25  # of the samples: of a series with more, hardly any value comes twice
+    # of the range: levels closer than this are one, but for how it was printed or added up
+    finest: float = 1e-6
+    tolerance: float = 0.05  # of a step: digits that a file leaves out move levels
+    most_off: float = 0.01  # of the levels
+
+
+SETTINGS = QuantisationSettings()
 
 
 def scatter_of_steps(series: Sequence[np.ndarray]) -> float:
@@ -29,22 +37,22 @@ def distinct(values: np.ndarray, span: float | None = None) -> np.ndarray:
 
     span: of all that was rounded alike, of which they may be a part; their own where None.
     """
-    apart = np.diff(values) > FINEST * (values[-1] - values[0] if span is None else span)
+    apart = np.diff(values) > SETTINGS.finest * (values[-1] - values[0] if span is None else span)
     return values[np.concatenate([[True], apart])]
 
 
 def grid_step(levels: np.ndarray) -> float | None:
     """The spacing of which all differences of `levels` (sorted) are multiples, None where there is none."""
-    return _unit(np.diff(levels)) if len(levels) >= FEWEST_LEVELS else None
+    return _unit(np.diff(levels)) if len(levels) >= SETTINGS.fewest_levels else None
 
 
 def _common_step(series: Sequence[np.ndarray]) -> float | None:
     """The step of grids that each series is on, wherever that of each begins; None where there is none."""
     every = np.concatenate(series)
     levels = [distinct(np.unique(s), np.ptp(every)) for s in series]
-    if sum(len(own) for own in levels) > MOST_LEVELS * len(every):
+    if sum(len(own) for own in levels) > SETTINGS.most_levels * len(every):
         return None
-    gaps = [np.diff(own) for own in levels if len(own) >= FEWEST_LEVELS]
+    gaps = [np.diff(own) for own in levels if len(own) >= SETTINGS.fewest_levels]
     return _unit(np.concatenate(gaps)) if gaps else None
 
 
@@ -52,4 +60,4 @@ def _unit(gaps: np.ndarray) -> float | None:
     """What all `gaps` are multiples of, None where of nothing."""
     step = gaps.sum() / np.round(gaps / gaps.min()).sum()
     off = np.abs(gaps / step - np.round(gaps / step))
-    return float(step) if np.quantile(off, 1 - MOST_OFF) < TOLERANCE else None
+    return float(step) if np.quantile(off, 1 - SETTINGS.most_off) < SETTINGS.tolerance else None

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import comb
 
 import numpy as np
 
-LARGEST = 0.999  # quantile of the numbers reported, by size, that counts as the largest: spikes are larger
-ORDER = 3  # of the differences by which noise is told from motion
-WIDE = 5.0  # standard deviations of the noise: what piles up at a limit is within them
-WIDEST = 0.2  # of the largest number
-ROUNDING = 1e-6  # of the largest number
-MEDIAN = 0.6745  # of the size of a Gaussian number, in standard deviations
-PILED_UP, FEWEST = 2.5, 10  # times as many samples as next to them, and no fewer: a sine has 2.4
+
+@dataclass(frozen=True)
+class RangeEndsSettings:
+    # quantile of the numbers reported, by size, that counts as the largest: spikes are larger
+    largest: float = 0.999
+    order: int = 3  # of the differences by which noise is told from motion
+    wide: float = 5.0  # standard deviations of the noise: what piles up at a limit is within them
+    widest: float = 0.2  # of the largest number
+    rounding: float = 1e-6  # of the largest number
+    median: float = 0.6745  # of the size of a Gaussian number, in standard deviations
+    # times as many samples as next to them, and no fewer: a sine has 2.4
+    piled_up: float = 2.5
+    fewest: int = 10
+
+
+SETTINGS = RangeEndsSettings()
 
 
 def largest_of(reported: np.ndarray) -> float:
     """By size, of numbers (step, number), nan where there is none; 0 of none at all."""
     sizes = np.abs(reported[np.isfinite(reported)])
-    return float(np.quantile(sizes, LARGEST)) if sizes.size else 0.0
+    return float(np.quantile(sizes, SETTINGS.largest)) if sizes.size else 0.0
 
 
 def piled_up_from(reported: np.ndarray) -> float:
@@ -29,9 +39,9 @@ def piled_up_from(reported: np.ndarray) -> float:
     largest = largest_of(reported)
     columns = [c[np.isfinite(c)] for c in reported.T]
     sizes = np.abs(np.concatenate(columns))
-    noise = max((_noise(c) for c in columns if len(c) > ORDER), default=0.0)
-    exactly = ROUNDING * largest
-    width = min(WIDE * noise, WIDEST * largest) + exactly
+    noise = max((_noise(c) for c in columns if len(c) > SETTINGS.order), default=0.0)
+    exactly = SETTINGS.rounding * largest
+    width = min(SETTINGS.wide * noise, SETTINGS.widest * largest) + exactly
     next_below = sizes.max(initial=0.0, where=sizes <= largest - exactly)
     is_piled_up = _more(sizes, largest - exactly, next_below - exactly) or _more(
         sizes, largest - width, largest - 2 * width
@@ -42,9 +52,12 @@ def piled_up_from(reported: np.ndarray) -> float:
 def _more(sizes: np.ndarray, edge: float, lower: float) -> bool:
     """Whether more `sizes` (sample,) are above `edge` than from `lower` up to it."""
     top = np.count_nonzero(sizes > edge)
-    return top >= max(FEWEST, PILED_UP * (np.count_nonzero(sizes > lower) - top))
+    return top >= max(SETTINGS.fewest, SETTINGS.piled_up * (np.count_nonzero(sizes > lower) - top))
 
 
 def _noise(series: np.ndarray) -> float:
     """Standard deviation of the noise on a smooth series (step,)."""
-    return float(np.median(np.abs(np.diff(series, ORDER))) / (MEDIAN * np.sqrt(comb(2 * ORDER, ORDER))))
+    return float(
+        np.median(np.abs(np.diff(series, SETTINGS.order)))
+        / (SETTINGS.median * np.sqrt(comb(2 * SETTINGS.order, SETTINGS.order)))
+    )

@@ -6,8 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-MOST_LATE = 0.25  # s, before a window's start that the sensors' numbers are looked at
-KNOT_INTERVAL = 0.025  # s, or one sample where they are further apart
+
+@dataclass(frozen=True)
+class ReportedMotionSettings:
+    most_late: float = 0.25  # s, before a window's start that the sensors' numbers are looked at
+    knot_interval: float = 0.025  # s, or one sample where they are further apart
+
+
+SETTINGS = ReportedMotionSettings()
 
 
 @dataclass(frozen=True)
@@ -69,15 +75,19 @@ class ReportedMotion:
         return found * self.read[:, None]
 
     def unseen(self, states: int) -> np.ndarray:
-        """How far a state MOST_LATE before the log began may be from one of even acceleration, (window, state)."""
+        """How far a state `most_late` before the log began may be from one of even acceleration, (window, state)."""
         acceleration = self.jets[:, 2]
-        found = np.abs(self._of_states(MOST_LATE**2 / 2 * acceleration, MOST_LATE * acceleration, states))
+        found = np.abs(
+            self._of_states(
+                SETTINGS.most_late**2 / 2 * acceleration, SETTINGS.most_late * acceleration, states
+            )
+        )
         for columns, weights, rotation, turning in self.orientation:
             jets = self.jets[..., columns] @ weights.T
             turned = np.abs(_turning(jets[:, 0], jets[:, 2]))
-            found[:, rotation] = MOST_LATE**2 / 2 * turned
+            found[:, rotation] = SETTINGS.most_late**2 / 2 * turned
             if turning is not None:
-                found[:, turning] = MOST_LATE * turned
+                found[:, turning] = SETTINGS.most_late * turned
         return found * self.read[:, None]
 
     def _of_states(self, value: np.ndarray, slope: np.ndarray, states: int) -> np.ndarray:

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from capture_cli.log.windows import FEWEST_IN_WINDOW
+from dataclasses import dataclass
 
-MOST_PER_SAMPLE = 10_000  # steps: a simulation of a minute at 100 Hz takes as many minutes
+from capture_cli.log.windows import SETTINGS as WINDOWS
+
+
+@dataclass(frozen=True)
+class StepLengthSettings:
+    most_per_sample: int = 10_000  # steps: a simulation of a minute at 100 Hz takes as many minutes
+
+
+SETTINGS = StepLengthSettings()
 
 
 def unsuitable_step(timestep: float, interval: float, lasts: float) -> tuple[str, str] | None:
@@ -12,16 +20,16 @@ def unsuitable_step(timestep: float, interval: float, lasts: float) -> tuple[str
 
     interval: s, between samples of the log. lasts: s, a window, or the longest episode where there are no windows.
     """
-    if timestep * FEWEST_IN_WINDOW > lasts:
+    if timestep * WINDOWS.fewest_in_window > lasts:
         return (
             f"the model steps by {timestep:g} s, and what is simulated at a time lasts {lasts:.3g} s",
             f"set a timestep of {interval:.2g} s, the log's own interval, or less in the model's <option>",
         )
-    if timestep * MOST_PER_SAMPLE < interval:
+    if timestep * SETTINGS.most_per_sample < interval:
         return (
             f"the model steps by {timestep:g} s, {interval / timestep:.3g} times from one sample of the log to the "
             f"next, {interval:.3g} s on",
-            f"set a timestep of more than {interval / MOST_PER_SAMPLE:.2g} s in the model's <option>; machines have "
-            "1e-4 to 0.01",
+            f"set a timestep of more than {interval / SETTINGS.most_per_sample:.2g} s in the model's <option>; "
+            "machines have 1e-4 to 0.01",
         )
     return None

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-REMEMBERED = 16  # ways between turning points, the last ones
+
+@dataclass(frozen=True)
+class TurningPointsSettings:
+    remembered: int = 16  # ways between turning points, the last ones
+
+
+SETTINGS = TurningPointsSettings()
 
 
 class WaysBefore:
@@ -17,7 +24,7 @@ class WaysBefore:
         self._known: dict[int, np.ndarray] = {}
 
     def __call__(self, steps: np.ndarray) -> np.ndarray:
-        """(len(steps), REMEMBERED)."""
+        """(len(steps), `remembered`)."""
         each, row = np.unique(steps, return_inverse=True)
         new = np.array([s for s in each if s not in self._known], dtype=int)
         if len(new):
@@ -27,12 +34,12 @@ class WaysBefore:
 
 
 def ways_before(path: np.ndarray, episodes: Sequence[slice], steps: np.ndarray, least: float) -> np.ndarray:
-    """How far a path went from turning point to turning point, (len(steps), REMEMBERED), the last way up to each of
+    """How far a path went from turning point to turning point, (len(steps), `remembered`), the last way up to each of
     `steps`; 0 before the first.
 
     path (step,): nan where it was not measured. It has turned where it went back by more than `least`.
     """
-    ways = np.zeros((len(steps), REMEMBERED))
+    ways = np.zeros((len(steps), SETTINGS.remembered))
     for episode in episodes:
         inside = np.flatnonzero((steps >= episode.start) & (steps < episode.stop))
         turned: list[float] = []
@@ -41,8 +48,8 @@ def ways_before(path: np.ndarray, episodes: Sequence[slice], steps: np.ndarray, 
             for value in _measured(path[begin : steps[row] + 1]):
                 way = _go_on(turned, value, way, least)
             begin = steps[row] + 1
-            last = np.diff([*turned[-REMEMBERED:], turned[-1] + way]) if turned else []
-            ways[row, REMEMBERED - len(last) :] = last
+            last = np.diff([*turned[-SETTINGS.remembered :], turned[-1] + way]) if turned else []
+            ways[row, SETTINGS.remembered - len(last) :] = last
     return ways
 
 

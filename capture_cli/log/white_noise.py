@@ -8,23 +8,33 @@ samples) are trimmed.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from math import comb
 
 import numpy as np
 
 ORDERS = range(2, 9)
-STILL_FALLING = 0.9  # the signal still shows at an order if the next one gives less than this share
-TRIMMED = 0.95  # share of the squared differences that is kept
-PLACE = 1 / 3  # the largest kept of few lies a little above the quantile of the share that they are
-UNEVEN = 0.01  # of the sampling interval: files round times
+
+
+@dataclass(frozen=True)
+class WhiteNoiseSettings:
+    # the signal still shows at an order if the next one gives less than this share
+    still_falling: float = 0.9
+    trimmed: float = 0.95  # share of the squared differences that is kept
+    # the largest kept of few lies a little above the quantile of the share that they are
+    place: float = 1 / 3
+    uneven: float = 0.01  # of the sampling interval: files round times
+
+
+SETTINGS = WhiteNoiseSettings()
 
 
 def trimmed_sd(numbers: np.ndarray) -> float:
     """The standard deviation of Gaussian `numbers`, the largest left out."""
-    kept = max(1, int(TRIMMED * len(numbers)))
+    kept = max(1, int(SETTINGS.trimmed * len(numbers)))
     squares = np.sort(np.square(numbers))[:kept]
-    return float(np.sqrt(squares.mean() / _mean_below((kept + PLACE) / len(numbers))))
+    return float(np.sqrt(squares.mean() / _mean_below((kept + SETTINGS.place) / len(numbers))))
 
 
 def _mean_below(share: float) -> float:
@@ -58,7 +68,7 @@ def _by_order(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> list
 
 def _settled(estimates: Sequence[float]) -> Iterator[float]:
     """Those that the next order does not lower any more."""
-    return (this for this, following in pairwise(estimates) if following > STILL_FALLING * this)
+    return (this for this, following in pairwise(estimates) if following > SETTINGS.still_falling * this)
 
 
 def differences(series: np.ndarray, time: np.ndarray, order: int) -> np.ndarray:
@@ -67,7 +77,7 @@ def differences(series: np.ndarray, time: np.ndarray, order: int) -> np.ndarray:
     Divided differences where samples are not evenly spaced: a polynomial of lower degree vanishes there, too.
     """
     steps = np.diff(time)
-    if np.ptp(steps) < UNEVEN * np.median(steps):
+    if np.ptp(steps) < SETTINGS.uneven * np.median(steps):
         return np.diff(series, order) / np.sqrt(comb(2 * order, order))
     points = np.lib.stride_tricks.sliding_window_view(time, order + 1)
     apart = (points[:, :, None] - points[:, None, :]) / np.median(steps) + np.eye(order + 1)

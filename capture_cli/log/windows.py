@@ -11,17 +11,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.log.input_sequences import GRID_TOLERANCE, InputSequences, input_sequences
+from capture_cli.log.input_sequences import SETTINGS as INPUT_SEQUENCES
+from capture_cli.log.input_sequences import InputSequences, input_sequences
 
-# A gap this many usual sampling intervals long ends a window: nobody knows what drove the machine in it.
-GAP_FACTOR = 20.0
-# of a window: an episode a little shorter still is one
-SHORTEST_EPISODE = 0.9
-FEWEST_IN_WINDOW = 4  # samples: with fewer, the start of a window explains all of it
-# s of inputs kept from before each window: what a late or sluggish actuator still answers to at its start
-LEAD = 4.0
-# of the time since an episode began: how far off a clock may be, and inputs are kept from after each window
-MOST_DRIFT = 0.05
+
+@dataclass(frozen=True)
+class WindowsSettings:
+    # A gap this many usual sampling intervals long ends a window: nobody knows what drove the machine in it.
+    gap_factor: float = 20.0
+    # of a window: an episode a little shorter still is one
+    shortest_episode: float = 0.9
+    fewest_in_window: int = 4  # samples: with fewer, the start of a window explains all of it
+    # s of inputs kept from before each window: what a late or sluggish actuator still answers to at its start
+    lead: float = 4.0
+    # of the time since an episode began: how far off a clock may be, and inputs are kept from after each window
+    most_drift: float = 0.05
+
+
+SETTINGS = WindowsSettings()
 
 
 @dataclass(frozen=True)
@@ -185,7 +192,7 @@ def at_spans(
     known = time[first] - time[begun]
     grid_steps = np.array([_grid_steps(time[a:b], timestep) for a, b in zip(first, stop, strict=True)])
     lead = _steps(known.max(), timestep)
-    ahead = _steps(MOST_DRIFT * elapsed.max(), timestep)
+    ahead = _steps(SETTINGS.most_drift * elapsed.max(), timestep)
     tapes = input_sequences(
         time,
         inputs,
@@ -199,7 +206,7 @@ def at_spans(
     )
     mask = _padded(np.ones(len(time), dtype=bool), first, stop)
     position = np.where(mask, _padded(time, first, stop) - time[first][:, None], 0.0) / timestep
-    index = np.floor(position + GRID_TOLERANCE).astype(np.int64)
+    index = np.floor(position + INPUT_SEQUENCES.grid_tolerance).astype(np.int64)
     return Windows(
         episode=episode,
         first=first,
@@ -282,16 +289,16 @@ def gaps(time: np.ndarray, usual: float) -> np.ndarray:
     """The steps of an episode, time (step,) s, that a gap follows, (gap,). usual: s, between samples."""
     if len(time) < 3:
         return np.zeros(0, dtype=int)
-    return np.flatnonzero(np.diff(time) > GAP_FACTOR * usual)
+    return np.flatnonzero(np.diff(time) > SETTINGS.gap_factor * usual)
 
 
 def _steps(duration: float, timestep: float) -> int:
-    """Model steps that cover `duration` s, or LEAD where that is shorter."""
-    return int(np.ceil(min(duration, LEAD) / timestep - GRID_TOLERANCE))
+    """Model steps that cover `duration` s, or `lead` where that is shorter."""
+    return int(np.ceil(min(duration, SETTINGS.lead) / timestep - INPUT_SEQUENCES.grid_tolerance))
 
 
 def _grid_steps(time: np.ndarray, timestep: float) -> int:
-    return int(np.floor((time[-1] - time[0]) / timestep + GRID_TOLERANCE)) + 2
+    return int(np.floor((time[-1] - time[0]) / timestep + INPUT_SEQUENCES.grid_tolerance)) + 2
 
 
 def at_times(series: np.ndarray, steps: np.ndarray) -> np.ndarray:

@@ -14,9 +14,11 @@ from capture_cli.select.balance_scores import score_in_balance
 from capture_cli.select.beam import SETTINGS as BEAM
 from capture_cli.select.beam import Level, grown
 from capture_cli.select.candidates import Candidate
-from capture_cli.select.forward_round import RIVALS, SIMILAR, by_score, reject_at_first_sight
+from capture_cli.select.forward_round import SETTINGS as FORWARD_ROUND
+from capture_cli.select.forward_round import by_score, reject_at_first_sight
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
-from capture_cli.select.rejection import MATERIAL, implausible, needed_error, no_gain, slight
+from capture_cli.select.rejection import SETTINGS as REJECTION
+from capture_cli.select.rejection import implausible, needed_error, no_gain, slight
 from capture_cli.select.score import similarity
 
 
@@ -74,8 +76,12 @@ class BalanceRound:
         if len(names) > 1:
             return chosen, []
         response = self.candidates[names[0]].score.response
-        alike = [replace(c) for c in unfitted if abs(similarity(response, c.score.response)) > SIMILAR]
-        return chosen, [*rivals[:RIVALS], *alike[:RIVALS]]
+        alike = [
+            replace(c)
+            for c in unfitted
+            if abs(similarity(response, c.score.response)) > FORWARD_ROUND.similar
+        ]
+        return chosen, [*rivals[: FORWARD_ROUND.rivals], *alike[: FORWARD_ROUND.rivals]]
 
     def _reject_unfitted(self, names: Sequence[str]) -> list[Candidate]:
         """Say why candidates are out that nothing else is said of, but those called `names`; they are returned."""
@@ -163,7 +169,7 @@ class BalanceRound:
     def _fitted(self, model: BalancedModel, smaller: Fit) -> list[FittedSet]:
         """The model fitted by simulation, if it holds on what judges and explains materially more than `smaller`."""
         added = model.effects[len(self.current.effects) :]
-        needed = needed_error(smaller, MATERIAL)
+        needed = needed_error(smaller, REJECTION.material)
         fit = self.models.fit(model.effects, model.start, self.current, self._best, needed=needed)
         reason = self._unfit(fit, added, smaller) or self._unsupported(fit, added)
         self._best = least([self._best, fit])
@@ -177,7 +183,7 @@ class BalanceRound:
         if reason := no_gain(self.current, fit, self._best):
             return reason
         reasons = (implausible(self.models, self.current, fit, placed) for placed in added)
-        return next((r for r in reasons if r), None) or slight(smaller, fit, MATERIAL)
+        return next((r for r in reasons if r), None) or slight(smaller, fit, REJECTION.material)
 
     def _unsupported(self, fit: Fit, added: Sequence[Placed]) -> str | None:
         candidates = [self.candidates[e.name] for e in added]

@@ -22,20 +22,36 @@ from capture_cli.model.effects.placed import Placed
 from capture_cli.select.criterion import Support
 from capture_cli.select.log_parts import select_folds
 from capture_cli.select.narrow_peaks import NarrowPeaks
-from capture_cli.select.score import STEP, Score, score, similarity
+from capture_cli.select.score import SETTINGS as SCORE
+from capture_cli.select.score import Score, score, similarity
 
-# Best-scoring candidates that are fitted jointly, each time round: so many that differ, with so many like each, no more
-# than so many in all. A force of one direction can be a bias, a preload or a tilt: they must not keep all others out.
-DIFFERENT, OF_A_KIND, REFITTED = 5, 3, 8
-ALIKE = 0.99  # cosine of responses beyond which candidates are of a kind
-# Of an amplitude's range: a slope near null, and a secant further out to either side. Friction and stops act one way.
-PROBES = (0.01, 0.1, -0.1)
-# Where none of those moves anything: what acts from a threshold on only, a limit that the controls never come near
-FAR_PROBES = (0.5, -0.5, 0.8, -0.8, 0.9, -0.9, 0.95, -0.95)
-SHAPES, SHAPES_OF_SEVERAL = 5, 3  # values tried of an effect's one shape, or of each of several
-# Times what is left to explain: a probe that changes outputs by more says little of small values, and smaller ones, by
-# so much, are tried as well. A range may be too wide: of a force that grows with a cube, on a wheel that keeps turning.
-TOO_MUCH, MOST_TOO_MUCH = 50.0, 1e4
+
+@dataclass(frozen=True)
+class CandidatesSettings:
+    # Best-scoring candidates that are fitted jointly, each time round: so many that differ, with so many like
+    # each, no more than so many in all. A force of one direction can be a bias, a preload or a tilt: they
+    # must not keep all others out.
+    different: int = 5
+    of_a_kind: int = 3
+    refitted: int = 8
+    alike: float = 0.99  # cosine of responses beyond which candidates are of a kind
+    # Of an amplitude's range: a slope near null, and a secant further out to either side. Friction and stops
+    # act one way.
+    probes: tuple[float, ...] = (0.01, 0.1, -0.1)
+    # Where none of those moves anything: what acts from a threshold on only, a limit that the controls never
+    # come near
+    far_probes: tuple[float, ...] = (0.5, -0.5, 0.8, -0.8, 0.9, -0.9, 0.95, -0.95)
+    # values tried of an effect's one shape, or of each of several
+    shapes: int = 5
+    shapes_of_several: int = 3
+    # Times what is left to explain: a probe that changes outputs by more says little of small values, and
+    # smaller ones, by so much, are tried as well. A range may be too wide: of a force that grows with a cube,
+    # on a wheel that keeps turning.
+    too_much: float = 50.0
+    most_too_much: float = 1e4
+
+
+SETTINGS = CandidatesSettings()
 
 
 @dataclass(frozen=True)
@@ -165,11 +181,11 @@ def score_at_null(narrow: NarrowPeaks, candidate: Candidate) -> None:
     candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
     shapes, tried = _shapes(narrow, candidate.placed.effect)
     candidate.shapes_tried = tried * len(candidate.placed.effect.states_scored)
-    probed = _probed(narrow, candidate, shapes, PROBES)
+    probed = _probed(narrow, candidate, shapes, SETTINGS.probes)
     if candidate.placed.effect.has_threshold or not (probed.moves or np.isinf(probed.size)):
-        probed += _probed(narrow, candidate, shapes, FAR_PROBES)
-    elif probed.size > TOO_MUCH and candidate.placed.effect.parameters:
-        little = PROBES[0] / min(probed.size, MOST_TOO_MUCH)
+        probed += _probed(narrow, candidate, shapes, SETTINGS.far_probes)
+    elif probed.size > SETTINGS.too_much and candidate.placed.effect.parameters:
+        little = SETTINGS.probes[0] / min(probed.size, SETTINGS.most_too_much)
         probed += _probed(narrow, candidate, shapes, (little, -little))
     if scored := sorted(probed.scored, key=lambda s: -s[0].gain):
         effect = candidate.placed.effect
@@ -240,7 +256,7 @@ def _probed(
         apart = effect.by_recording(sensitivity, probes[first], narrow.part.windows.first)
         found = _of_reference(at, apart, low, high)
         start = probes[first].copy()
-        far = shares is FAR_PROBES and found.amplitudes @ steps[block] > 0
+        far = shares is SETTINGS.far_probes and found.amplitudes @ steps[block] > 0
         begin = steps[block] if far else found.amplitudes  # below its threshold an effect has no slope
         if amplitudes:
             start[amplitudes] = space.nominal[amplitudes] + begin * space.span[amplitudes]
@@ -301,7 +317,7 @@ def _shapes(narrow: NarrowPeaks, effect: Effect) -> tuple[np.ndarray, int]:
     """Points (point, parameter) with null amplitudes at which to score, and how many they were chosen from."""
     if effect.narrow_shape:
         return narrow.points(effect)
-    grid = effect.shape_grid(SHAPES if len(effect.shapes) < 2 else SHAPES_OF_SEVERAL)
+    grid = effect.shape_grid(SETTINGS.shapes if len(effect.shapes) < 2 else SETTINGS.shapes_of_several)
     return grid, len(grid)
 
 
@@ -313,7 +329,7 @@ def _probes(
     An effect without amplitudes is probed as a whole, as far as a linear step may go.
     """
     if not amplitudes:
-        return shapes, np.full(len(shapes), STEP)
+        return shapes, np.full(len(shapes), SCORE.step)
     space = effect.space
     points, steps = [], []
     above, below = (space.high - space.nominal) / space.span, (space.nominal - space.low) / space.span
@@ -336,20 +352,20 @@ def worth_a_refit(ranked: Sequence[Candidate]) -> tuple[list[Candidate], list[Ca
         own = next((k for k in kinds if _alike(k[0], candidate)), None)
         if own is not None:
             own.append(candidate)
-        elif len(kinds) < DIFFERENT:
+        elif len(kinds) < SETTINGS.different:
             kinds.append([candidate])
     chosen = {id(c) for kind in kinds for c in _best_and_simplest(kind)}
-    refitted = [c for c in ranked if id(c) in chosen][:REFITTED]
+    refitted = [c for c in ranked if id(c) in chosen][: SETTINGS.refitted]
     chosen = {id(c) for c in refitted}
     return refitted, [c for c in ranked if id(c) not in chosen]
 
 
 def _best_and_simplest(kind: Sequence[Candidate]) -> list[Candidate]:
-    """OF_A_KIND of a `kind`, ranked by score: what is simpler than the best may be all that is there."""
+    """`of_a_kind` of a `kind`, ranked by score: what is simpler than the best may be all that is there."""
     best, *others = kind
     sizes = {id(c): len(effect.parameters) for c in kind for _, effect in [c.placed]}
     others.sort(key=lambda c: sizes[id(c)] >= sizes[id(best)])
-    return [best, *others[: OF_A_KIND - 1]]
+    return [best, *others[: SETTINGS.of_a_kind - 1]]
 
 
 def _alike(a: Candidate, b: Candidate) -> bool:
@@ -357,4 +373,4 @@ def _alike(a: Candidate, b: Candidate) -> bool:
     (kind, effect), (other_kind, other) = a.placed, b.placed
     if kind == other_kind and effect.variant_of == other.variant_of:
         return True
-    return abs(similarity(a.score.response, b.score.response)) > ALIKE
+    return abs(similarity(a.score.response, b.score.response)) > SETTINGS.alike

@@ -6,18 +6,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.estimate.balance.regression import TINY
+from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 
-LEVEL = 0.01  # chance of accepting anything where nothing is missing, over all candidates together
-SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted, with all other effects in
-# While other effects are still missing the right one need not help everywhere: it may enter, and is judged at the end.
-ENTRY_LEVEL = 0.25
-ENTRY_RATIO = 0.9  # of squared errors: or it lowers the whole, if not window by window
-HALVED = 0.5  # of squared errors, with all others in: few windows cannot say more steadily that so much is no chance
-RESAMPLES = 4000
-RESAMPLES_AT_A_TIME = 100  # so that a long log's take some MB
-FEW_BLOCKS = 12  # a bootstrap of so few is too sure of itself
-BLOCK_TIMES = 2  # a block lasts so many autocorrelation times of the residual
+
+@dataclass(frozen=True)
+class CriterionSettings:
+    level: float = 0.01  # chance of accepting anything where nothing is missing, over all candidates together
+    # one-sided, of the paired test on data that was not fitted, with all other effects in
+    select_level: float = 0.05
+    # While other effects are still missing the right one need not help everywhere: it may enter, and is
+    # judged at the end.
+    entry_level: float = 0.25
+    entry_ratio: float = 0.9  # of squared errors: or it lowers the whole, if not window by window
+    # of squared errors, with all others in: few windows cannot say more steadily that so much is no chance
+    halved: float = 0.5
+    resamples: int = 4000
+    resamples_at_a_time: int = 100  # so that a long log's take some MB
+    few_blocks: int = 12  # a bootstrap of so few is too sure of itself
+    block_times: int = 2  # a block lasts so many autocorrelation times of the residual
+
+
+SETTINGS = CriterionSettings()
 
 
 @dataclass(frozen=True)
@@ -39,17 +48,17 @@ class Support:
 
     @property
     def _select_level(self) -> float:
-        return ENTRY_LEVEL if self.select_ratio < HALVED else SELECT_LEVEL
+        return SETTINGS.entry_level if self.select_ratio < SETTINGS.halved else SETTINGS.select_level
 
     def reason_against_entry(self) -> str | None:
         """Why the effect may not even enter while others may still be missing, or None."""
         judged = self.p_select is not None
-        if judged and self.p_select > ENTRY_LEVEL and self.select_ratio > ENTRY_RATIO:
+        if judged and self.p_select > SETTINGS.entry_level and self.select_ratio > SETTINGS.entry_ratio:
             return self._reason_of_fit() or self._not_better()
         return self._reason_of_fit()
 
     def _reason_of_fit(self) -> str | None:
-        if self.p_fit > LEVEL:
+        if self.p_fit > SETTINGS.level:
             return f"its size cannot be told from zero (p = {self.p_fit:.2g} over all candidates)"
         if self.bic_gain <= 0:
             return f"it is not worth its parameters (BIC rises by {-self.bic_gain:.3g})"
@@ -68,7 +77,7 @@ def ratio_p_value(before: float, after: float, samples: float, added: int, candi
     """
     from scipy.special import fdtrc
 
-    statistic = max(before / max(after, TINY) - 1, 0.0) * max(samples, 1.0) / added
+    statistic = max(before / max(after, REGRESSION.tiny) - 1, 0.0) * max(samples, 1.0) / added
     return min(1.0, candidates * float(fdtrc(added, max(samples, 1.0), statistic)))
 
 
@@ -80,13 +89,13 @@ def paired_p_value(before: np.ndarray, after: np.ndarray, seed: int) -> float:
     flips of sign make no more than 1 in 16).
     """
     fall = _fall(before, after)
-    if len(fall) <= FEW_BLOCKS:
+    if len(fall) <= SETTINGS.few_blocks:
         return _student_p_value(fall)
     generator, count = np.random.default_rng(seed), 0
-    for _ in range(0, RESAMPLES, RESAMPLES_AT_A_TIME):
-        drawn = generator.integers(len(fall), size=(RESAMPLES_AT_A_TIME, len(fall)))
+    for _ in range(0, SETTINGS.resamples, SETTINGS.resamples_at_a_time):
+        drawn = generator.integers(len(fall), size=(SETTINGS.resamples_at_a_time, len(fall)))
         count += int(np.sum(fall[drawn].sum(axis=1) <= 0))
-    return float((count + 1) / (RESAMPLES + 1))
+    return float((count + 1) / (SETTINGS.resamples + 1))
 
 
 def _student_p_value(fall: np.ndarray) -> float:
@@ -98,7 +107,7 @@ def _student_p_value(fall: np.ndarray) -> float:
 
     if len(fall) < 2:
         return 1.0
-    error = max(float(np.std(fall, ddof=1)) / np.sqrt(len(fall)), TINY)
+    error = max(float(np.std(fall, ddof=1)) / np.sqrt(len(fall)), REGRESSION.tiny)
     return float(stdtr(len(fall) - 1, -fall.mean() / error))
 
 
@@ -112,4 +121,4 @@ def bic_gain(before: float, after: float, samples: float, added: int) -> float:
 
 def _fall(before: np.ndarray | float, after: np.ndarray | float) -> np.ndarray | float:
     """Logarithm of the ratio of sums of squares, of which either may be nothing: a perfect fit."""
-    return np.log(np.maximum(before, TINY)) - np.log(np.maximum(after, TINY))
+    return np.log(np.maximum(before, REGRESSION.tiny)) - np.log(np.maximum(after, REGRESSION.tiny))

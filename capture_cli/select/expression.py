@@ -23,8 +23,16 @@ from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
 NAME = "expression"
-ROOM = 30.0  # a motion may use a small part of a joint's travel and speed, and a term must still be able to matter
-REST = 0.02  # of a joint's characteristic speed: where the sign of a velocity is rounded off
+
+
+@dataclass(frozen=True)
+class ExpressionSettings:
+    # a motion may use a small part of a joint's travel and speed, and a term must still be able to matter
+    room: float = 30.0
+    rest: float = 0.02  # of a joint's characteristic speed: where the sign of a velocity is rounded off
+
+
+SETTINGS = ExpressionSettings()
 
 
 @dataclass(frozen=True)
@@ -66,7 +74,7 @@ class ExpressionTerm(Effect):
     @property
     def parameters(self):
         force = "N m" if int(self.model.jnt_type[self.joint]) == HINGE else "N"
-        most = ROOM * characteristic_force(self.model, self.joint) / self.term.scale
+        most = SETTINGS.room * characteristic_force(self.model, self.joint) / self.term.scale
         return (Parameter("coefficient", f"{force} per {self.term.unit}", -most, most, 0.0),)
 
     @cached_property
@@ -148,7 +156,7 @@ def _terms(model: mujoco.MjModel, joint: int, inputs: Sequence[int]) -> list[Ter
 
 def _rest(fast: float) -> str:
     """The velocity, in the digits of the term's text, at which the sign of one is rounded off; fast: characteristic."""
-    return f"{float(f'{REST * fast:.2g}'):g}"
+    return f"{float(f'{SETTINGS.rest * fast:.2g}'):g}"
 
 
 def _coupled(model: mujoco.MjModel, other: int, v: str, speed: str) -> list[Term]:

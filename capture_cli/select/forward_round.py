@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,17 +13,28 @@ from capture_cli.model.effects.base import GLOBAL
 from capture_cli.select.candidates import Candidate, score_at_null, worth_a_refit
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.narrow_peaks import NarrowPeaks
-from capture_cli.select.rejection import MATERIAL, implausible, needed_error, no_gain, slight
+from capture_cli.select.rejection import SETTINGS as REJECTION
+from capture_cli.select.rejection import implausible, needed_error, no_gain, slight
 from capture_cli.select.score import similarity
 from capture_cli.select.score_checkpoint import kept_scores
 
-RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
+
+@dataclass(frozen=True)
+class ForwardRoundSettings:
+    # other candidates that an accepted effect is compared with once everything else is in the model
+    rivals: int = 4
+    # cosine of responses beyond which a candidate that was not fitted may still be a rival
+    similar: float = 0.97
+
+
+SETTINGS = ForwardRoundSettings()
+
+
 # Before it is said that nothing explains the log, the next best are fitted, as often as there are pairs here: those of
 # this share of the best score, which have to take this share of what is above the noise floor. Where contacts make the
 # error rough, and where a declared parameter has to make way, a score at null says little; but what begins with next to
 # none of it is believed only where it explains nearly all.
-FURTHER = (0.2, MATERIAL), (0.2, MATERIAL), (0.1, 0.9)
-SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
+FURTHER = (0.2, REJECTION.material), (0.2, REJECTION.material), (0.1, 0.9)
 
 
 class Scores:
@@ -90,7 +101,7 @@ class ForwardRound:
     def _fitted(self, *, patient: bool) -> tuple[list[Candidate], list[Candidate]]:
         """Candidates that are supported once they are fitted, and those that were not worth a fit."""
         refitted, others = worth_a_refit(self.ranked)
-        supported = self._refit_all(refitted, MATERIAL)
+        supported = self._refit_all(refitted, REJECTION.material)
         for worth, material in FURTHER:
             if supported or not patient or not others:
                 break
@@ -174,7 +185,7 @@ class ForwardRound:
         plausible = [c for c in places if not implausible(self.models, current, fit, c.placed)]
         if 1 < len(plausible) < len(places):
             return self._together(plausible, best)
-        if len(plausible) < len(places) or slight(current, fit, MATERIAL):
+        if len(plausible) < len(places) or slight(current, fit, REJECTION.material):
             return None
         support, select = self.models.support_of(current, fit, places, self.models.judge(current), self.tried)
         return None if support.reason_against_entry() else FittedSet(added, fit, select)
@@ -198,5 +209,7 @@ class ForwardRound:
         if len(names) > 1:
             return chosen, []
         response = by_name[names[0]].score.response
-        similar = [c for c in self._unfitted if abs(similarity(response, c.score.response)) > SIMILAR]
-        return chosen, [replace(c) for c in (*rivals[:RIVALS], *similar[:RIVALS])]
+        similar = [
+            c for c in self._unfitted if abs(similarity(response, c.score.response)) > SETTINGS.similar
+        ]
+        return chosen, [replace(c) for c in (*rivals[: SETTINGS.rivals], *similar[: SETTINGS.rivals])]

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
-from capture_cli.estimate.fit import AS_GOOD, Fit
+from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
+from capture_cli.estimate.fit import SETTINGS as FIT
+from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Best
 from capture_cli.estimate.solve.intervals import unit_covariance
-from capture_cli.select.criterion import TINY
 
-BEGUN_ANEW, BEGUN_AWAY = 3, 3.0  # descents to see whether there are other minima, and how far off, in sd
-RETURNED = 0.5  # sd: a descent that ends as near as this to where another ended has come back to it
+
+@dataclass(frozen=True)
+class MinimaSettings:
+    # descents to see whether there are other minima, and how far off, in sd
+    begun_anew: int = 3
+    begun_away: float = 3.0
+    # sd: a descent that ends as near as this to where another ended has come back to it
+    returned: float = 0.5
+
+
+SETTINGS = MinimaSettings()
 
 
 def minima(fits: ModelFits, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
@@ -36,17 +47,17 @@ def _begun_anew(fits: ModelFits, part: PreparedLog, fit: Fit, seed: int) -> list
     covariance, _ = unit_covariance(fit.at)
     values, vectors = np.linalg.eigh(covariance)
     spread = vectors * np.sqrt(np.maximum(values, 0.0))
-    sd = np.sqrt(np.maximum(np.diag(covariance), TINY))
+    sd = np.sqrt(np.maximum(np.diag(covariance), REGRESSION.tiny))
     generator = np.random.default_rng(seed)
     found = [fit]
-    for _ in range(BEGUN_ANEW):
-        begin = fit.at.x + BEGUN_AWAY * spread @ generator.standard_normal(len(sd))
+    for _ in range(SETTINGS.begun_anew):
+        begin = fit.at.x + SETTINGS.begun_away * spread @ generator.standard_normal(len(sd))
         point = fit.space.from_unit(np.clip(begin, 0, 1))
         other = fits.fit(part, fit.effects, point, near=fit, rival=fit)
         if other is None:
             continue
         found.append(other)
-        if len(found) == 2 and np.abs((other.at.x - fit.at.x) / sd).max() < RETURNED:
+        if len(found) == 2 and np.abs((other.at.x - fit.at.x) / sd).max() < SETTINGS.returned:
             break
     return sorted(found, key=lambda f: f.at.objectives(1.0).sum())
 
@@ -69,5 +80,5 @@ def _with_shapes_at_ends(fits: ModelFits, part: PreparedLog, fit: Fit) -> list[F
         return []
     k = fit.at.scatter
     above = fits.objectives(part, fit, PartFit.of(fit.at), ends) - fit.at.objectives(k).sum()
-    as_good = above < AS_GOOD * k
+    as_good = above < FIT.as_good * k
     return [fits.at(part, fit.effects, Best(p, fit.offsets, 0.0)) for p in ends[as_good]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,11 +16,18 @@ from capture_cli.model.effects.placed import Placed
 from capture_cli.select.pulses import NAME, PulseResponse, Pulses
 from capture_cli.simulate.simulator import Motion
 
-PEAKS = 3  # values that are simulated
-MOST = 16384  # values that are judged: in a log of over 400 s the peaks of fast forces can fall between them
-PULSE = 0.1  # of the joint's characteristic force
-SAMPLES = 4  # of a force in each pulse
-AT_ONCE = 1 << 24  # numbers in memory
+
+@dataclass(frozen=True)
+class NarrowPeaksSettings:
+    peaks: int = 3  # values that are simulated
+    # values that are judged: in a log of over 400 s the peaks of fast forces can fall between them
+    most: int = 16384
+    pulse: float = 0.1  # of the joint's characteristic force
+    samples: int = 4  # of a force in each pulse
+    at_once: int = 1 << 24  # numbers in memory
+
+
+SETTINGS = NarrowPeaksSettings()
 
 
 class NarrowPeaks:
@@ -35,7 +43,7 @@ class NarrowPeaks:
         path = self._path(effect)
         recording = effect.recording(self.part.windows.first)
         span = max(float(np.ptp(path[recording == n])) for n in np.unique(recording))
-        points = effect.sweep(span, MOST)
+        points = effect.sweep(span, SETTINGS.most)
         rest = effect.shape_grid()
         if (
             effect.along == "time"
@@ -50,7 +58,7 @@ class NarrowPeaks:
         gains = self._gains(effect, points, path, pulses, response)
         doubted = np.array([self.doubts(effect, p) for p in points])
         best = [
-            _peaks(np.where(doubted, -np.inf, gains), PEAKS),
+            _peaks(np.where(doubted, -np.inf, gains), SETTINGS.peaks),
             _peaks(np.where(doubted, gains, -np.inf), 1),
         ]
         return np.concatenate([points[np.concatenate(best)], rest]), len(points) + len(rest)
@@ -60,11 +68,11 @@ class NarrowPeaks:
         return effect.doubt(values, self._longest) is not None
 
     def _gains(self, effect, points, path, pulses: Pulses, response: PulseResponse) -> np.ndarray:
-        every = max(1, pulses.spacing // SAMPLES)
+        every = max(1, pulses.spacing // SETTINGS.samples)
         steps = np.arange(0, path.shape[1], every)
         to_pulses = np.linalg.pinv(pulses.shares(steps))  # (pulse, step)
         carrier = effect.carrier(self._motion.actuator_force[:, steps])
-        some = max(1, AT_ONCE // (2 * path[:, steps].size))
+        some = max(1, SETTINGS.at_once // (2 * path[:, steps].size))
         recording = effect.recording(self.part.windows.first)
         gains = [
             response.gains(
@@ -80,7 +88,7 @@ class NarrowPeaks:
             model = self.fits.prepared.task.model
             steps = int(self.part.windows.grid_steps.max())
             pulses = Pulses.over(model, effect.joint_name, steps, effect.shortest_period)
-            size = PULSE * pulses.characteristic_force
+            size = SETTINGS.pulse * pulses.characteristic_force
             placed = Placed(NAME, pulses)
             residual, diverged = self.fits.probe(self.part, self.fit, placed, size * np.eye(pulses.count))
             change = (self.fit.at.residual - residual) * ~diverged[:, None, None] / size

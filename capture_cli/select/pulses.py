@@ -16,9 +16,16 @@ from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import Force, World
 
 NAME = "pulses"
-PER_PERIOD = 4  # pulses in the shortest period asked for
-MOST = 64  # pulses in a window; a longer window resolves slower forces only
-RESOLVED = 0.45  # periods per pulse up to which pulses can follow a force
+
+
+@dataclass(frozen=True)
+class PulsesSettings:
+    per_period: int = 4  # pulses in the shortest period asked for
+    most: int = 64  # pulses in a window; a longer window resolves slower forces only
+    resolved: float = 0.45  # periods per pulse up to which pulses can follow a force
+
+
+SETTINGS = PulsesSettings()
 
 
 class Pulses(JointEffect):
@@ -37,8 +44,8 @@ class Pulses(JointEffect):
     @classmethod
     def over(cls, model, site: str, steps: int, shortest: float) -> Pulses:
         """For windows of `steps` model steps and forces with periods down to `shortest`, in s."""
-        wanted = shortest / PER_PERIOD / float(model.opt.timestep)
-        spacing = max(int(wanted), -(-steps // (MOST - 1)), 1)
+        wanted = shortest / SETTINGS.per_period / float(model.opt.timestep)
+        spacing = max(int(wanted), -(-steps // (SETTINGS.most - 1)), 1)
         return cls(model, site, spacing, -(-steps // spacing) + 1)
 
     @property
@@ -51,7 +58,7 @@ class Pulses(JointEffect):
     @property
     def fastest(self) -> float:
         """Hz: the fastest force that they can add up to."""
-        return RESOLVED / (self.spacing * float(self.model.opt.timestep))
+        return SETTINGS.resolved / (self.spacing * float(self.model.opt.timestep))
 
     def force(self, values, timestep, **_) -> Force:
         return _Force(self, values, round(float(self.model.opt.timestep) / timestep))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.estimate.fit import Fit
@@ -9,11 +11,18 @@ from capture_cli.estimate.solve.intervals import intervals
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.model_comparison import ModelComparison
 
-# Of the squared error above the noise floor: an effect that takes less away corrects a model that is wrong otherwise
-MATERIAL = 0.1
-# Of a range. A result file says "at its bound" from AT_BOUND on; but a descent gives up where its trust region is this
-# small, and an effect that ends so near to where its range does is drawn there.
-NEAR_BOUND = 1e-3
+
+@dataclass(frozen=True)
+class RejectionSettings:
+    # Of the squared error above the noise floor: an effect that takes less away corrects a model that is
+    # wrong otherwise
+    material: float = 0.1
+    # Of a range. A result file says "at its bound" from AT_BOUND on; but a descent gives up where its trust
+    # region is this small, and an effect that ends so near to where its range does is drawn there.
+    near_bound: float = 1e-3
+
+
+SETTINGS = RejectionSettings()
 
 
 def implausible(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:
@@ -34,7 +43,7 @@ def implausible(models: ModelComparison, current: Fit, fit: Fit, placed: Placed)
     x, was = fit.space.to_unit(fit.point), current.at.x
     determined = intervals(fit.at).identifiable
     for i in range(len(current.point)):
-        at_bound = min(x[i], 1 - x[i]) < NEAR_BOUND <= min(was[i], 1 - was[i])
+        at_bound = min(x[i], 1 - x[i]) < SETTINGS.near_bound <= min(was[i], 1 - was[i])
         bound = fit.space.low[i] if x[i] < 0.5 else fit.space.high[i]
         if determined[i] and bound != 0 and at_bound:
             return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
@@ -47,7 +56,11 @@ def at_end(fit: Fit, placed: Placed) -> dict[str, str]:
     x, space, found = fit.space.to_unit(fit.point), fit.space, {}
     for i, name in zip(range(own.start, own.stop), effect.space.names, strict=True):
         null = (space.nominal[i] - space.low[i]) / space.span[i]
-        if min(x[i], 1 - x[i]) < NEAR_BOUND and abs(x[i] - null) > NEAR_BOUND and name not in effect.shares:
+        if (
+            min(x[i], 1 - x[i]) < SETTINGS.near_bound
+            and abs(x[i] - null) > SETTINGS.near_bound
+            and name not in effect.shares
+        ):
             found[name] = (
                 f"it would have to be at the end of its range ({space.names[i]} = {fit.point[i]:.3g})"
             )

@@ -14,7 +14,13 @@ import numpy as np
 from capture_cli.estimate.solve.linearization import Linearization, held_step
 from capture_cli.model.parameters import SETTINGS as PARAMETERS
 
-STEP = 0.3  # of each parameter's range: how far the linear step may go
+
+@dataclass(frozen=True)
+class ScoreSettings:
+    step: float = 0.3  # of each parameter's range: how far the linear step may go
+
+
+SETTINGS = ScoreSettings()
 
 
 @dataclass(frozen=True)
@@ -42,8 +48,8 @@ def score(at: Linearization, sensitivity: np.ndarray, low: np.ndarray, high: np.
     size, added = at.by_parameter.shape[-1], sensitivity.shape[-1]
     both = replace(at, by_parameter=np.concatenate([at.by_parameter, sensitivity], axis=-1))
     hessian, gradient = both.normal(k)
-    bottom = np.concatenate([np.maximum(-STEP, -at.x), np.maximum(-STEP, low)])
-    top = np.concatenate([np.minimum(STEP, 1 - at.x), np.minimum(STEP, high)])
+    bottom = np.concatenate([np.maximum(-SETTINGS.step, -at.x), np.maximum(-SETTINGS.step, low)])
+    top = np.concatenate([np.minimum(SETTINGS.step, 1 - at.x), np.minimum(SETTINGS.step, high)])
     step = held_step(hessian, gradient, k, bottom, top)
     alone = held_step(hessian[:size, :size], gradient[:size], k, bottom[:size], top[:size])
     gain = _decrease(hessian, gradient, step) - _decrease(hessian[:size, :size], gradient[:size], alone)

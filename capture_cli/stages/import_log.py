@@ -23,7 +23,7 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.readers import open_source
 from capture_cli.log.readers.base import SourceFile
 from capture_cli.log.shorter_window import set_shorter
-from capture_cli.log.windows import SHORTEST_EPISODE
+from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.options.base import takes_options
@@ -503,7 +503,7 @@ def _joined_actions(recordings: Sequence[_Recording]) -> np.ndarray | None:
 
 def _check_long_enough(log: MeasuredLog, task: Task) -> None:
     longest, window = log.longest, task.log.window
-    if window is not None and longest < SHORTEST_EPISODE * window:
+    if window is not None and longest < WINDOWS.shortest_episode * window:
         raise LogError(
             f"the longest episode lasts {longest:.3g} s, which is shorter than a window of {window:g} s",
             cure=f"{set_shorter(longest, log.steps_of_longest, option=False)}; if the time column is not in seconds, "

@@ -17,8 +17,8 @@ from capture_cli.options.base import takes_options
 from capture_cli.options.propose import ProposeOptions
 from capture_cli.select.experiment.excitation_range import ExcitationRange
 from capture_cli.select.experiment.expected_information import Axes, information, sensitivities
+from capture_cli.select.experiment.next_experiment import SETTINGS as NEXT_EXPERIMENT
 from capture_cli.select.experiment.next_experiment import (
-    BANDS,
     SHARES,
     driven_motion,
     driven_windows,
@@ -177,7 +177,7 @@ def _multisine(
     """Of every band the two strongest that stay near what the log shows are compared."""
     threads, beyond_log = options.threads, options.beyond_log
     time = experiment_times(task)
-    bands = (*BANDS, MULTISINE.band)
+    bands = (*NEXT_EXPERIMENT.bands, MULTISINE.band)
     tapes = np.stack(
         [
             multisine_sequence(

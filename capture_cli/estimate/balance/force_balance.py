@@ -29,7 +29,7 @@ from scipy.special import erf
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.recorded_world import AT_JOINTS, RecordedWorld
 from capture_cli.estimate.balance.resting import mass_matrix
-from capture_cli.log.windows import LEAD
+from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.base import Effect
@@ -261,7 +261,9 @@ class ForceBalance:
         """The step of the log from which controls are followed to each stretch, (stretch,): earlier ones still act."""
         time, found = self.smoothed.log.time, []
         for part, episode in zip(self.smoothed.parts, self.smoothed.episode_start, strict=True):
-            found.append(max(episode, int(np.searchsorted(time[: part.start], time[part.start] - LEAD))))
+            found.append(
+                max(episode, int(np.searchsorted(time[: part.start], time[part.start] - WINDOWS.lead)))
+            )
         return np.array(found)
 
     @cached_property

@@ -20,9 +20,6 @@ from capture_cli.model.object_names import object_name
 from capture_cli.model.tasks.base import Task
 
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-NORMAL_MEDIAN = 0.6745  # of the size of what is normally distributed, in standard deviations
-THIRD_DIFFERENCE = 20.0  # variance of that of white noise, over the noise's
-TINY = 1e-12  # m or rad: the noise of a coordinate that is measured without any
 
 
 @dataclass(frozen=True)
@@ -36,6 +33,9 @@ class MotionSettings:
     most_points: int = 12_000
     fewest_turns: float = 12.0
     least_left: float = 0.5
+    normal_median: float = 0.6745  # of the size of what is normally distributed, in standard deviations
+    third_difference: float = 20.0  # variance of that of white noise, over the noise's
+    tiny: float = 1e-12  # m or rad: the noise of a coordinate that is measured without any
 
 
 SETTINGS = MotionSettings()
@@ -244,10 +244,10 @@ def _hits(model: mujoco.MjModel, log: Log, outputs: np.ndarray, sources: Sequenc
     if not can_touch(model):
         return np.zeros(len(log.time), dtype=bool)
     third = np.concatenate([np.diff(outputs[e], n=3, axis=0) for e in log.episodes])
-    noise = np.median(np.abs(third), axis=0) / NORMAL_MEDIAN / np.sqrt(THIRD_DIFFERENCE)
+    noise = np.median(np.abs(third), axis=0) / SETTINGS.normal_median / np.sqrt(SETTINGS.third_difference)
     sd, travel = np.zeros(model.nv), np.zeros((len(log.time), model.nv))
     for source in sources:
-        sd[list(source.dofs)] = np.maximum(source.noise(noise), TINY)
+        sd[list(source.dofs)] = np.maximum(source.noise(noise), SETTINGS.tiny)
     qpos, places = _positions(model, outputs, sources), model.jnt_qposadr[model.dof_jntid]
     for episode in log.episodes:
         moved = np.abs(np.diff(qpos[episode][:, places], axis=0))

@@ -12,8 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-TINY = 1e-300  # a sum of squares that is nothing
-ROUNDING = 1e-12  # of a column's square: some times what double precision loses of it
+
+@dataclass(frozen=True)
+class RegressionSettings:
+    tiny: float = 1e-300  # a sum of squares that is nothing
+    rounding: float = 1e-12  # of a column's square: some times what double precision loses of it
+
+
+SETTINGS = RegressionSettings()
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,7 @@ def additions(base: Sums, across: np.ndarray, gram: np.ndarray, pull: np.ndarray
             + 2 * np.einsum("mi,ima,ma->m", first, across[b], added)
             + np.einsum("ma,mac,mc->m", added, gram[b], added)
         )
-    gains = 0.5 * base.count[:, None] * np.log(alone[:, None] / np.maximum(errors, TINY))
+    gains = 0.5 * base.count[:, None] * np.log(alone[:, None] / np.maximum(errors, SETTINGS.tiny))
     error = gains.std(axis=0, ddof=1) * np.sqrt(len(base.count))
     return Gain(gains.sum(axis=0), error, _solved(base, across, gram, pull, leave=None))
 
@@ -87,7 +93,7 @@ def best_pairs(
     taken = (
         np.square(pull)[:, None] * own + np.square(pull) * own[:, None] - 2 * np.outer(pull, pull) * gram
     ) / determinant
-    left = np.maximum(target @ target - taken, TINY)
+    left = np.maximum(target @ target - taken, SETTINGS.tiny)
     score = -len(target) * np.log(left) - np.log(len(target)) * np.add.outer(sizes, sizes)
     first, second = np.triu_indices(len(pull), 1)
     same = np.abs(gram) > alike * np.sqrt(np.outer(np.diag(gram), np.diag(gram)))
@@ -110,7 +116,7 @@ def predicted(base: Sums) -> np.ndarray:
         gram = with_prior(base.gram[keep].sum(axis=0))
         own = np.linalg.solve(gram, base.pull[keep].sum(axis=0))
         errors[b] = base.target[b] - 2 * own @ base.pull[b] + own @ base.gram[b] @ own
-    return np.maximum(errors, TINY)
+    return np.maximum(errors, SETTINGS.tiny)
 
 
 def with_prior(gram: np.ndarray) -> np.ndarray:
@@ -119,7 +125,7 @@ def with_prior(gram: np.ndarray) -> np.ndarray:
     """
     own = np.arange(gram.shape[-1])
     found = np.array(gram, dtype=float)
-    found[..., own, own] += 1 + ROUNDING * found[..., own, own]
+    found[..., own, own] += 1 + SETTINGS.rounding * found[..., own, own]
     return found
 
 

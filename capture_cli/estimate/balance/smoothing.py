@@ -20,14 +20,10 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array, vstack
 
-DEGREE = 5
-ORDER = 3  # of the derivative whose square is penalised; a polynomial below it costs nothing
-FEWEST = 2 * DEGREE  # samples of a series that can be smoothed
-
 
 @dataclass(frozen=True)
 class SmoothingSettings:
-    """search: log10 of the smoothing parameter, in units of the sample interval^(2 ORDER), from next to none to a
+    """search: log10 of the smoothing parameter, in units of the sample interval^(2 `order`), from next to none to a
     parabola. at_once: sums that are filtered together: each reaches some knots, all reach many. far: by how many powers
     of e what is left out has fallen.
     """
@@ -35,9 +31,12 @@ class SmoothingSettings:
     search: tuple[float, float] = (-3.0, 15.0)
     at_once: int = 50
     far: float = 20.0
+    degree: int = 5
+    order: int = 3  # of the derivative whose square is penalised; a polynomial below it costs nothing
 
 
 SETTINGS = SmoothingSettings()
+FEWEST = 2 * SETTINGS.degree  # samples of a series that can be smoothed
 
 
 @dataclass(frozen=True)
@@ -115,7 +114,7 @@ class Series:
         if not used.size:
             return slice(0, 0)
         interval = (self.time[-1] - self.time[0]) / (len(self.time) - 1)
-        far = 4 * DEGREE + int(np.ceil(SETTINGS.far * 2 / (self.cutoff * interval)))
+        far = 4 * SETTINGS.degree + int(np.ceil(SETTINGS.far * 2 / (self.cutoff * interval)))
         return slice(max(int(used[0]) - far, 0), int(used[-1]) + far + 1)
 
     def sd_of(self, derivative: int) -> float:
@@ -134,7 +133,10 @@ def smooth(
     """
     parts = [_Part.of(t, y) for t, y in zip(times, values, strict=True)]
     turns = np.pi * fewest_turns * len(times) / sum(len(t) for t in times)  # rad per sample
-    bounds = SETTINGS.search[0], min(SETTINGS.search[1], -2 * ORDER * float(np.log10(max(turns, 1e-3))))
+    bounds = (
+        SETTINGS.search[0],
+        min(SETTINGS.search[1], -2 * SETTINGS.order * float(np.log10(max(turns, 1e-3)))),
+    )
     found = minimize_scalar(
         lambda log: -_likelihood(parts, 10.0**log), bounds=bounds, method="bounded", options={"xatol": 0.05}
     )
@@ -154,7 +156,7 @@ class _Part:
     gram: np.ndarray
     penalty: np.ndarray
     pull: np.ndarray
-    unit: float  # what a smoothing parameter of 1 is, interval^(2 ORDER - 1)
+    unit: float  # what a smoothing parameter of 1 is, interval^(2 order - 1)
 
     @classmethod
     def of(cls, time: np.ndarray, values: np.ndarray) -> _Part:
@@ -169,7 +171,7 @@ class _Part:
             _banded(basis.T @ basis),
             _banded(_penalty(knots)),
             basis.T @ values,
-            interval ** (2 * ORDER - 1),
+            interval ** (2 * SETTINGS.order - 1),
         )
 
     def solved(self, smoothness: float) -> tuple[np.ndarray, np.ndarray, float]:
@@ -181,8 +183,8 @@ class _Part:
     def series(self, smoothness: float, sd: float) -> Series:
         factor, found, _ = self.solved(smoothness)
         penalty = smoothness * self.unit * self.penalty
-        cutoff = smoothness ** (-1 / (2 * ORDER)) / (self.unit ** (1 / (2 * ORDER - 1)))
-        spline = BSpline(self.knots, found, DEGREE)
+        cutoff = smoothness ** (-1 / (2 * SETTINGS.order)) / (self.unit ** (1 / (2 * SETTINGS.order - 1)))
+        spline = BSpline(self.knots, found, SETTINGS.degree)
         return Series(self.time, self.basis, factor, penalty, self.knots, spline, sd, cutoff)
 
 
@@ -193,40 +195,42 @@ def _likelihood(parts: Sequence[_Part], smoothness: float) -> float:
         factor, _, own = part.solved(smoothness)
         squares += own
         log_determinant += 2 * float(np.log(factor[-1]).sum())
-        count += len(part.time) - ORDER
-        knots += len(part.pull) - ORDER
+        count += len(part.time) - SETTINGS.order
+        knots += len(part.pull) - SETTINGS.order
     return -0.5 * (
         count * np.log(max(squares / count, 1e-300)) + log_determinant - knots * np.log(smoothness)
     )
 
 
 def _profiled_variance(parts: Sequence[_Part], smoothness: float) -> float:
-    count = sum(len(p.time) - ORDER for p in parts)
+    count = sum(len(p.time) - SETTINGS.order for p in parts)
     return max(sum(p.solved(smoothness)[2] for p in parts) / count, 1e-300)
 
 
 def _knots(time: np.ndarray) -> np.ndarray:
     """A knot at every sample but those next to the ends, so that there are as many coefficients as samples."""
-    inner = time[DEGREE // 2 + 1 : -(DEGREE // 2 + 1)]
-    return np.concatenate([np.repeat(time[0], DEGREE + 1), inner, np.repeat(time[-1], DEGREE + 1)])
+    inner = time[SETTINGS.degree // 2 + 1 : -(SETTINGS.degree // 2 + 1)]
+    return np.concatenate(
+        [np.repeat(time[0], SETTINGS.degree + 1), inner, np.repeat(time[-1], SETTINGS.degree + 1)]
+    )
 
 
 def _design(knots: np.ndarray, time: np.ndarray, derivative: int = 0) -> csr_array:
     """Values at `time` (point,) of the basis or a derivative of it, (point, knot)."""
     inside = np.clip(time, knots[0], knots[-1])
     if not derivative:
-        return csr_array(BSpline.design_matrix(inside, knots, DEGREE))
-    return csr_array(BSpline.design_matrix(inside, knots[derivative:-derivative], DEGREE - derivative)) @ (
-        _differentiated(knots, derivative)
-    )
+        return csr_array(BSpline.design_matrix(inside, knots, SETTINGS.degree))
+    return csr_array(
+        BSpline.design_matrix(inside, knots[derivative:-derivative], SETTINGS.degree - derivative)
+    ) @ (_differentiated(knots, derivative))
 
 
 def _differentiated(knots: np.ndarray, derivative: int) -> csr_array:
     """What differentiation makes of coefficients, (knot - derivative, knot)."""
-    count = len(knots) - DEGREE - 1
+    count = len(knots) - SETTINGS.degree - 1
     matrix = csr_array(np.eye(1)) if count == 1 else None
     for order in range(derivative):
-        degree, own = DEGREE - order, knots[order : len(knots) - order]
+        degree, own = SETTINGS.degree - order, knots[order : len(knots) - order]
         size = count - order
         step = degree / (own[degree + 1 : degree + size] - own[1:size])
         rows = np.arange(size - 1)
@@ -241,17 +245,17 @@ def _differentiated(knots: np.ndarray, derivative: int) -> csr_array:
 def _penalty(knots: np.ndarray) -> csr_array:
     """Integral of products of third derivatives of the basis, (knot, knot), by Gauss' rule, which is exact here."""
     ends = np.unique(knots)
-    nodes, weights = np.polynomial.legendre.leggauss(DEGREE - ORDER + 1)
+    nodes, weights = np.polynomial.legendre.leggauss(SETTINGS.degree - SETTINGS.order + 1)
     half = np.diff(ends)[:, None] / 2
     points = (ends[:-1, None] + half * (1 + nodes)).ravel()
-    third = _design(knots, points, ORDER)
+    third = _design(knots, points, SETTINGS.order)
     return third.T @ (third * (half * weights).ravel()[:, None])
 
 
 def _banded(matrix: csr_array) -> np.ndarray:
-    """The upper band (DEGREE + 1, knot) of a symmetric matrix, as scipy's banded solvers take it."""
+    """The upper band (`degree` + 1, knot) of a symmetric matrix, as scipy's banded solvers take it."""
     size = matrix.shape[0]
-    band = np.zeros((DEGREE + 1, size))
-    for k in range(min(DEGREE + 1, size)):
-        band[DEGREE - k, k:] = matrix.diagonal(k)
+    band = np.zeros((SETTINGS.degree + 1, size))
+    for k in range(min(SETTINGS.degree + 1, size)):
+        band[SETTINGS.degree - k, k:] = matrix.diagonal(k)
     return band

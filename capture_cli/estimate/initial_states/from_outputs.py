@@ -14,26 +14,30 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from capture_cli.estimate.initial_states.local_motion import (
-    HALF_WIDTHS,
-    LocalMotion,
-    Neighbours,
-    local_motion,
-)
+from capture_cli.estimate.initial_states.local_motion import SETTINGS as LOCAL_MOTION
+from capture_cli.estimate.initial_states.local_motion import LocalMotion, Neighbours, local_motion
 from capture_cli.estimate.initial_states.rotations import rotations, turned
 from capture_cli.log.range_ends import piled_up_from
-from capture_cli.log.reported_motion import KNOT_INTERVAL, MOST_LATE, ReportedMotion, extended
+from capture_cli.log.reported_motion import SETTINGS as REPORTED_MOTION
+from capture_cli.log.reported_motion import ReportedMotion, extended
 from capture_cli.model.coordinate_sources import Source, sources_of
 from capture_cli.model.loop_closure import LoopClosure, MeasuredPositions
 from capture_cli.model.states import Starts
 from capture_cli.simulate.engine import Rollouts
 
-# The local fit uses samples that the window is fitted to as well, so it may not vote with its full weight twice.
-PRIOR_INFLATION = 10.0
-LAG_LEFT = 0.02  # of the correction for the integrator's lag: higher orders of the timestep
-# Times the motion of an unmeasured coordinate in a simulated episode, which may be of another phase and another size
-UNMEASURED_MOTION = 3.0
-STILL = 1e-9  # m, rad, or per s: what moves less does not, but for rounding
+
+@dataclass(frozen=True)
+class FromOutputsSettings:
+    # The local fit uses samples that the window is fitted to as well, so it may not vote with its full weight twice.
+    prior_inflation: float = 10.0
+    lag_left: float = 0.02  # of the correction for the integrator's lag: higher orders of the timestep
+    # Times the motion of an unmeasured coordinate in a simulated episode, which may be of another phase and
+    # another size
+    unmeasured_motion: float = 3.0
+    still: float = 1e-9  # m, rad, or per s: what moves less does not, but for rounding
+
+
+SETTINGS = FromOutputsSettings()
 
 
 @dataclass(frozen=True)
@@ -139,12 +143,15 @@ def estimate_starts(
         if source.kind == "velocity":
             qvel[:, dofs] = fit.value
             beyond = _beyond_range(source, measured, at_starts.value)
-            sd[:, nv + dofs] = np.hypot(PRIOR_INFLATION * fit.value_sd, beyond)
+            sd[:, nv + dofs] = np.hypot(SETTINGS.prior_inflation * fit.value_sd, beyond)
             continue
-        sd[:, dofs] = PRIOR_INFLATION * fit.value_sd
+        sd[:, dofs] = SETTINGS.prior_inflation * fit.value_sd
         new = np.array([d not in measured_velocity for d in source.dofs])
         velocity, velocity_sd = _velocity(fit, lag, source)
-        qvel[:, dofs[new]], sd[:, nv + dofs[new]] = velocity[:, new], PRIOR_INFLATION * velocity_sd[:, new]
+        qvel[:, dofs[new]], sd[:, nv + dofs[new]] = (
+            velocity[:, new],
+            SETTINGS.prior_inflation * velocity_sd[:, new],
+        )
     starts = Starts(qpos, qvel, act, places.time[window_first].astype(float))
     open_loops: Mapping[str, float] = {}
     if model.neq:
@@ -170,7 +177,7 @@ def _velocity(fit: LocalMotion, lag: float, source: Source) -> tuple[np.ndarray,
     """Of coordinates whose motion is `fit`, as the integrator has it, and how well it is known, (window, dof)."""
     change = lag * fit.curvature
     size = np.linalg.norm(change, axis=1, keepdims=True) if source.kind == "orientation" else change
-    return fit.slope - change, np.hypot(fit.slope_sd, LAG_LEFT * size)
+    return fit.slope - change, np.hypot(fit.slope_sd, SETTINGS.lag_left * size)
 
 
 def _turning(knots: _Knots, measured: _Outputs, source: Source) -> tuple[LocalMotion, np.ndarray]:
@@ -180,7 +187,7 @@ def _turning(knots: _Knots, measured: _Outputs, source: Source) -> tuple[LocalMo
     quaternions = source.of(measured.values[at_starts.index][..., columns])
     rotation, near = rotations(quaternions, at_starts)
     fit = local_motion(near, rotation, source.noise(measured.noise_sd))
-    return fit, turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
+    return fit, turned(quaternions[:, LOCAL_MOTION.half_widths[-1]], fit.value)
 
 
 def _motion(knots: _Knots, measured: _Outputs, columns: list[int]) -> LocalMotion:
@@ -259,8 +266,8 @@ class _Knots:
         time, episodes, window_first = places.time, places.episodes, places.first
         steps = np.concatenate([np.diff(time[e]) for e in episodes])
         interval = float(np.mean(steps) if merged else np.median(steps))
-        stride = max(1, round(KNOT_INTERVAL / interval))
-        count = 1 + int(np.ceil(MOST_LATE / (stride * interval) - 1e-6))
+        stride = max(1, round(REPORTED_MOTION.knot_interval / interval))
+        count = 1 + int(np.ceil(REPORTED_MOTION.most_late / (stride * interval) - 1e-6))
         first, stop = (np.array([getattr(e, n) for e in episodes])[places.episode] for n in ("start", "stop"))
         at = window_first[:, None] - stride * np.arange(count)
         even = stride * interval * np.arange(count)
@@ -335,7 +342,7 @@ def known_starts(
     sd = np.zeros((len(starts), 2 * model.nv + model.na))
     for source in sources_of(model, data):
         if source.kind != "velocity":
-            sd[:, list(source.dofs)] = PRIOR_INFLATION * source.noise(noise_sd)
+            sd[:, list(source.dofs)] = SETTINGS.prior_inflation * source.noise(noise_sd)
     return StartEstimate(starts, sd)
 
 
@@ -364,14 +371,14 @@ def states_of(whole: Rollouts, episode: np.ndarray, step: np.ndarray) -> Starts:
 def from_episodes(model: mujoco.MjModel, whole: Rollouts, *, window_episode, window_step) -> StartEstimate:
     """Starts of windows from simulations of `whole` episodes, with their states. window_step (window,): on their grid.
 
-    The standard deviation of each coordinate is UNMEASURED_MOTION times that of its motion over the episode.
+    The standard deviation of each coordinate is `unmeasured_motion` times that of its motion over the episode.
     """
     qpos, qvel, act = whole.qpos, whole.qvel, whole.act
     starts = states_of(whole, window_episode, window_step)
     moved = _since_the_first(model, qpos)
     motion = np.concatenate([states.std(axis=1) for states in (moved, qvel, act)], axis=1)
-    motion[motion < STILL] = 0.0
-    return StartEstimate(starts, UNMEASURED_MOTION * motion[window_episode])
+    motion[motion < SETTINGS.still] = 0.0
+    return StartEstimate(starts, SETTINGS.unmeasured_motion * motion[window_episode])
 
 
 def _since_the_first(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:

@@ -9,16 +9,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-HALF_WIDTHS = (4, 6, 9, 13, 19, 28, 40)  # samples on either side
-FEWEST = 6  # samples that a polynomial is fitted to
-ACCEPTABLE_RESIDUAL = 1.3  # variance of the local fit's residual over that of the noise
-UNKNOWN_SLOPE_SD = 10.0  # per s, where there are too few samples to differentiate
-FAR = 2.0  # intervals between samples that the nearest is away: nobody saw what the series did meanwhile
+
+@dataclass(frozen=True)
+class LocalMotionSettings:
+    half_widths: tuple[int, ...] = (4, 6, 9, 13, 19, 28, 40)  # samples on either side
+    fewest: int = 6  # samples that a polynomial is fitted to
+    acceptable_residual: float = 1.3  # variance of the local fit's residual over that of the noise
+    unknown_slope_sd: float = 10.0  # per s, where there are too few samples to differentiate
+    # intervals between samples that the nearest is away: nobody saw what the series did meanwhile
+    far: float = 2.0
+
+
+SETTINGS = LocalMotionSettings()
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """The samples around chosen places, HALF_WIDTHS[-1] on either side of the nearest.
+    """The samples around chosen places, `half_widths`[-1] on either side of the nearest.
 
     index (place, sample): which they are; time (place, sample): s, from the place; known (place, sample): False beyond
     the episode.
@@ -46,7 +53,7 @@ class Neighbours:
         after = np.clip(np.searchsorted(own, at), begin, end - 1)
         before = np.maximum(after - 1, begin)
         is_nearer = time[at] - time[own[before]] < np.abs(time[own[after]] - time[at])
-        reach = HALF_WIDTHS[-1]
+        reach = SETTINGS.half_widths[-1]
         number = np.where(is_nearer, before, after)[:, None] + np.arange(-reach, reach + 1)
         inside = np.clip(number, begin[:, None], end[:, None] - 1)
         index = own[inside]
@@ -96,30 +103,30 @@ def local_motion(near: Neighbours, series: np.ndarray, noise_sd: np.ndarray) -> 
     near = replace(
         near, time=near.time - unseen[:, None]
     )  # what is far is taken to be as at the nearest sample
-    centre, shape = HALF_WIDTHS[-1], series[:, 0].shape
+    centre, shape = SETTINGS.half_widths[-1], series[:, 0].shape
     noise = np.tile(np.asarray(noise_sd, dtype=float), (shape[0], 1))
     best = LocalMotion(
         value=series[:, centre].astype(float),
         slope=np.zeros(shape),
         curvature=np.zeros(shape),
-        value_sd=np.hypot(noise, UNKNOWN_SLOPE_SD * near.time[:, centre, None]),
-        slope_sd=np.full(shape, UNKNOWN_SLOPE_SD),
+        value_sd=np.hypot(noise, SETTINGS.unknown_slope_sd * near.time[:, centre, None]),
+        slope_sd=np.full(shape, SETTINGS.unknown_slope_sd),
     )
     fitted, begun, ended = (
         np.zeros(shape[0], dtype=bool),
         np.zeros(shape, dtype=bool),
         np.zeros(shape, dtype=bool),
     )
-    for half in HALF_WIDTHS:
+    for half in SETTINGS.half_widths:
         width = slice(centre - half, centre + half + 1)
         count = near.known[:, width].sum(axis=1)
-        places = np.flatnonzero((count >= FEWEST) & ~ended.all(axis=1))
+        places = np.flatnonzero((count >= SETTINGS.fewest) & ~ended.all(axis=1))
         if not len(places):
             continue
         samples = (near.time[places, width], series[places, width], near.known[places, width])
         cubic, variance = _polynomials(*samples, 3, noise_sd)
         # the residual's variance is itself uncertain: allow three of its standard deviations
-        limit = ACCEPTABLE_RESIDUAL + 3 * np.sqrt(2 / (count[places, None] - 4))
+        limit = SETTINGS.acceptable_residual + 3 * np.sqrt(2 / (count[places, None] - 4))
         like_noise = variance <= limit * np.square(noise_sd)
         ended[places] |= begun[places] & ~like_noise
         best.take(cubic, places, like_noise & ~ended[places])
@@ -137,13 +144,13 @@ def local_motion(near: Neighbours, series: np.ndarray, noise_sd: np.ndarray) -> 
 
 
 def _unseen(near: Neighbours) -> np.ndarray:
-    """s, (place,), how long before or after a place its nearest sample is, where that is FAR; 0 elsewhere."""
-    away = near.time[:, HALF_WIDTHS[-1]]
+    """s, (place,), how long before or after a place its nearest sample is, where that is `far`; 0 elsewhere."""
+    away = near.time[:, SETTINGS.half_widths[-1]]
     places = np.flatnonzero(away)
     interval = np.ma.masked_array(np.diff(near.time[places], axis=1), ~_follow(near)[places])
     far = np.zeros(len(away))
     far[places] = np.where(
-        np.abs(away[places]) > FAR * np.ma.median(interval, axis=1).filled(0.0), away[places], 0.0
+        np.abs(away[places]) > SETTINGS.far * np.ma.median(interval, axis=1).filled(0.0), away[places], 0.0
     )
     return far
 
@@ -160,7 +167,7 @@ def _doubt(motion: LocalMotion, near: Neighbours, series: np.ndarray, unseen: np
         return
     interval = np.ma.masked_array(np.diff(near.time[places], axis=1), ~_follow(near)[places])
     speed = np.diff(series[places], axis=1) / interval[..., None]
-    speed = np.ma.sqrt((speed**2).mean(axis=1)).filled(UNKNOWN_SLOPE_SD)
+    speed = np.ma.sqrt((speed**2).mean(axis=1)).filled(SETTINGS.unknown_slope_sd)
     motion.value_sd[places] = np.hypot(motion.value_sd[places], speed * np.abs(unseen[places, None]))
     motion.slope_sd[places] = np.hypot(motion.slope_sd[places], speed)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -32,8 +32,16 @@ from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.simulate.engine import Engine, Rollouts
 from capture_cli.simulate.simulator import Simulator
 
-JUDGED = 40  # windows, evenly spread, that tell which of several ways to read starts is nearer to the log
-AGREES = 1e-3  # p of the first samples of episodes below which they do not begin where their actions say
+
+@dataclass(frozen=True)
+class OfWindowsSettings:
+    # windows, evenly spread, that tell which of several ways to read starts is nearer to the log
+    judged: int = 40
+    # p of the first samples of episodes below which they do not begin where their actions say
+    agrees: float = 1e-3
+
+
+SETTINGS = OfWindowsSettings()
 
 
 def log_starts(
@@ -81,7 +89,7 @@ def _nearest(
     """
     if len(reads) == 1:
         return reads[0]
-    some = evenly_spread(len(windows), JUDGED)
+    some = evenly_spread(len(windows), SETTINGS.judged)
     own, simulator = windows.rows(some), Simulator(task, threads=threads)
 
     def distance(read: StartEstimate) -> float:
@@ -138,7 +146,7 @@ def begins_as_acted(prepared: PreparedLog) -> bool:
         columns=np.array([c.index for c in task.outputs]),
     )
     apart = (windows.measured[acted, 0] - said.sensors[:, 0]) / prepared.noise.sd
-    return bool(chdtrc(apart.size, np.square(apart).sum()) > AGREES)
+    return bool(chdtrc(apart.size, np.square(apart).sum()) > SETTINGS.agrees)
 
 
 def _of_whole_episodes(

@@ -7,6 +7,7 @@ Without parameters the objective is a sum over windows that share nothing but k.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,16 +20,28 @@ from capture_cli.estimate.solve.linearization import (
     trial_objectives,
 )
 
-ROUNDS = 30
-PATIENCE = 2  # rounds
-DAMPING_STEP = 10.0
-BEGUN = 4  # of the places where a window may begin, that it is begun at
-SEARCHES = 2  # times that windows which stand out are begun elsewhere
-AXIS_SHARES = (-1.0, -0.3, 0.3, 1.0)  # of a state's sd, by which it alone is moved
-DRAWN = 16  # places where they are, drawn from what is known of starts beforehand
-# Where contacts make the error jump no slope leads to the bottom: so many places are drawn, and then so often so many
-# about the best of them, each time nearer by that factor.
-DRAWN_IF_ROUGH, NEARER_TIMES, CHILDREN, PARENTS, NEARER = 128, 5, 48, 8, 0.4
+
+@dataclass(frozen=True)
+class RefinedSettings:
+    rounds: int = 30
+    patience: int = 2  # rounds
+    damping_step: float = 10.0
+    begun: int = 4  # of the places where a window may begin, that it is begun at
+    searches: int = 2  # times that windows which stand out are begun elsewhere
+    axis_shares: tuple[float, ...] = (-1.0, -0.3, 0.3, 1.0)  # of a state's sd, by which it alone is moved
+    drawn: int = 16  # places where they are, drawn from what is known of starts beforehand
+    # Where contacts make the error jump no slope leads to the bottom: so many places are drawn, and then so
+    # often so many about the best of them, each time nearer by that factor.
+    drawn_if_rough: int = 128
+    nearer_times: int = 5
+    children: int = 48
+    parents: int = 8
+    nearer: float = 0.4
+
+
+SETTINGS = RefinedSettings()
+
+
 NO_PARAMETERS = np.zeros(0)
 
 # Outputs (candidate, window, step, output) and what diverged (candidate, window) of the windows at an index.
@@ -53,8 +66,10 @@ def fit_starts(
     if also is not None:
         found = _or_from(found, evaluate, also, tolerance, found.scatter)
     generator, searched = np.random.default_rng(0), np.zeros(0, dtype=int)
-    drawn = generator.standard_normal((DRAWN_IF_ROUGH if evidence.rough else DRAWN, offsets.shape[1]))
-    for _ in range(SEARCHES):
+    drawn = generator.standard_normal(
+        (SETTINGS.drawn_if_rough if evidence.rough else SETTINGS.drawn, offsets.shape[1])
+    )
+    for _ in range(SETTINGS.searches):
         stuck = evidence.standing_out(found.residual)
         if not evidence.rough:  # there the draws about the best are others each time
             stuck, searched = np.setdiff1d(stuck, searched), np.union1d(stuck, searched)
@@ -89,7 +104,7 @@ def _along_axes(found: Linearization, evaluate: EvaluateWindows, tolerance: floa
     before, own = found.windows(stuck), _of_windows(evaluate, stuck)
     k = _scatter_of_others(found, stuck)
     for state in found.evidence.movable:
-        for share in AXIS_SHARES:
+        for share in SETTINGS.axis_shares:
             moved = before.offsets.copy()
             moved[:, state] += share * before.evidence.start_sd[:, state]
             before = _or_from(before, own, moved, tolerance, k)
@@ -115,7 +130,7 @@ def _begun_elsewhere(
     window = np.arange(others.shape[1])
     values = _values(found.evidence, evaluate, others, k)
     order = np.argsort(values, axis=0, kind="stable")
-    begun = BEGUN
+    begun = SETTINGS.begun
     if not found.evidence.hidden:  # then starts are known well enough for the best to be better as it is
         gains = np.maximum(found.objectives(k) - values[order[0], window], 0.0)
         begun = 1 if gains.sum() >= tolerance * k else 0
@@ -148,9 +163,9 @@ def _nearer(
     """
     reach = evidence.start_sd
     parents, values = _parents(others, _values(evidence, evaluate, others, k))
-    for _ in range(NEARER_TIMES):
-        reach = NEARER * reach
-        children = np.repeat(parents, CHILDREN // PARENTS, axis=0)
+    for _ in range(SETTINGS.nearer_times):
+        reach = SETTINGS.nearer * reach
+        children = np.repeat(parents, SETTINGS.children // SETTINGS.parents, axis=0)
         children = children + reach * generator.standard_normal(children.shape)
         both = np.concatenate([values, _values(evidence, evaluate, children, k)])
         parents, values = _parents(np.concatenate([parents, children]), both)
@@ -159,7 +174,7 @@ def _nearer(
 
 def _parents(trials: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The best of trials (trial, window, state) in each window, and their values (trial, window)."""
-    best = np.argsort(values, axis=0, kind="stable")[:PARENTS]
+    best = np.argsort(values, axis=0, kind="stable")[: SETTINGS.parents]
     return np.take_along_axis(trials, best[..., None], axis=0), np.take_along_axis(values, best, axis=0)
 
 
@@ -178,22 +193,24 @@ def _settled(
     to_beat: np.ndarray | float = np.inf,
 ) -> Linearization:
     """Where the descent of every window ends. held: k, which follows from the residual where None. to_beat (window,):
-    objectives that are known to be possible; a descent that does not promise to get there after PATIENCE rounds ends.
+    objectives that are known to be possible; a descent that does not promise to get there after `patience` rounds ends.
     """
     every = np.arange(len(offsets))
     outputs, diverged = evaluate(every, columns(evidence, NO_PARAMETERS, offsets))
     best = Linearization.from_columns(evidence, NO_PARAMETERS, offsets, outputs, diverged)
     active, better, damping = every, ~diverged[0], np.zeros(len(offsets))
-    for number in range(ROUNDS - 1):
+    for number in range(SETTINGS.rounds - 1):
         k = best.scatter if held is None else held
         damping[active] = np.where(
-            better, damping[active] / DAMPING_STEP, np.maximum(DAMPING_STEP * damping[active], k)
+            better,
+            damping[active] / SETTINGS.damping_step,
+            np.maximum(SETTINGS.damping_step * damping[active], k),
         )
         damping[damping < 1e-3 * k] = 0.0
         tried = best.start_offsets(NO_PARAMETERS, k, damping)
         gain = best.predicted_gains(NO_PARAMETERS, tried, k)
         settled = gain < tolerance * k / len(gain)
-        if number >= PATIENCE:
+        if number >= SETTINGS.patience:
             settled |= best.objectives(k) - gain > to_beat
         if gain[~settled].sum() < tolerance * k:
             break

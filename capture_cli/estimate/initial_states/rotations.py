@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
-from capture_cli.estimate.initial_states.local_motion import FEWEST, HALF_WIDTHS, Neighbours
+from capture_cli.estimate.initial_states.local_motion import SETTINGS as LOCAL_MOTION
+from capture_cli.estimate.initial_states.local_motion import Neighbours
 
 MOST_TURNED = 0.75 * np.pi  # rad, that a rotation vector is believed up to
-ENOUGH = 10  # samples up to there, to fit a polynomial to
-MOST_FOLLOWED = np.pi  # rad, that a body is followed from sample to sample, if that is FEWEST samples
-LONGER = 1.5  # times the interval before: a gap between samples
+
+
+@dataclass(frozen=True)
+class RotationsSettings:
+    enough: int = 10  # samples up to there, to fit a polynomial to
+    longer: float = 1.5  # times the interval before: a gap between samples
+
+
+SETTINGS = RotationsSettings()
+
+
+MOST_FOLLOWED = np.pi  # rad, that a body is followed from sample to sample, if that is fewest samples
 
 
 def rotations(quaternions: np.ndarray, near: Neighbours) -> tuple[np.ndarray, Neighbours]:
@@ -27,7 +37,7 @@ def rotations(quaternions: np.ndarray, near: Neighbours) -> tuple[np.ndarray, Ne
 
     places, samples = quaternions.shape[:2]
     last_w = quaternions[..., [1, 2, 3, 0]]
-    middle = np.repeat(last_w[:, HALF_WIDTHS[-1]], samples, axis=0)
+    middle = np.repeat(last_w[:, LOCAL_MOTION.half_widths[-1]], samples, axis=0)
     from_middle = Rotation.from_quat(middle).inv() * Rotation.from_quat(last_w.reshape(-1, 4))
     vectors = from_middle.as_rotvec().reshape(places, samples, 3)
     before, after = (Rotation.from_quat(q.reshape(-1, 4)) for q in (last_w[:, :-1], last_w[:, 1:]))
@@ -35,7 +45,7 @@ def rotations(quaternions: np.ndarray, near: Neighbours) -> tuple[np.ndarray, Ne
     angle = np.linalg.norm(steps, axis=2)
     certain = near.known & _as_yet(_followed(angle, near))
     known = certain & _as_yet(np.linalg.norm(vectors, axis=2) <= MOST_TURNED)
-    fast = np.flatnonzero((known.sum(axis=1) < ENOUGH) & (known != near.known).any(axis=1))
+    fast = np.flatnonzero((known.sum(axis=1) < SETTINGS.enough) & (known != near.known).any(axis=1))
     if len(fast):
         vectors[fast] = _integral(steps[fast], near.time[fast])
         known[fast] = _needed(angle[fast], near.known[fast], certain[fast])
@@ -44,7 +54,7 @@ def rotations(quaternions: np.ndarray, near: Neighbours) -> tuple[np.ndarray, Ne
 
 def _as_yet(holds: np.ndarray) -> np.ndarray:
     """Where something `holds` (place, sample) at all samples from the middle one on, either way."""
-    holds, centre = holds.copy(), HALF_WIDTHS[-1]
+    holds, centre = holds.copy(), LOCAL_MOTION.half_widths[-1]
     for side in (holds[:, centre:], holds[:, centre::-1]):
         np.logical_and.accumulate(side, axis=1, out=side)
     return holds
@@ -61,7 +71,7 @@ def _integral(steps: np.ndarray, time: np.ndarray) -> np.ndarray:
     rate = np.divide(steps, interval, out=np.zeros_like(steps), where=interval > 0)
     moved = steps - interval**3 / 12 * np.cross(rate, _change(rate, interval))
     path = np.concatenate([np.zeros_like(moved[:, :1]), np.cumsum(moved, axis=1)], axis=1)
-    return path - path[:, [HALF_WIDTHS[-1]]]
+    return path - path[:, [LOCAL_MOTION.half_widths[-1]]]
 
 
 def _change(rate: np.ndarray, interval: np.ndarray) -> np.ndarray:
@@ -81,7 +91,7 @@ def _followed(angle: np.ndarray, near: Neighbours) -> np.ndarray:
     """At which samples it is known how a body came there from the one before, (place, sample): not after a gap in which
     it may have gone half a turn, as fast as it was before. angle (place, sample - 1): rad, from each to the next.
     """
-    centre, interval = HALF_WIDTHS[-1], np.diff(near.time)
+    centre, interval = LOCAL_MOTION.half_widths[-1], np.diff(near.time)
     speed = np.divide(angle, interval, out=np.zeros_like(angle), where=interval > 0)
     certain = np.ones(near.known.shape, dtype=bool)
     for side, steps in (
@@ -89,10 +99,12 @@ def _followed(angle: np.ndarray, near: Neighbours) -> np.ndarray:
         (np.s_[:, centre::-1], np.s_[:, centre - 1 :: -1]),
     ):
         longer, before = interval[steps][:, 1:], interval[steps][:, :-1]
-        certain[side][:, 2:] = (longer < LONGER * before) | (longer * speed[steps][:, :-1] < MOST_TURNED)
+        certain[side][:, 2:] = (longer < SETTINGS.longer * before) | (
+            longer * speed[steps][:, :-1] < MOST_TURNED
+        )
         # the first step from the middle has none before it: the one after it tells
         first, then = interval[steps][:, 0], interval[steps][:, 1]
-        far = (first > LONGER * then) & (first * speed[steps][:, 1] > MOST_TURNED) & (then > 0)
+        far = (first > SETTINGS.longer * then) & (first * speed[steps][:, 1] > MOST_TURNED) & (then > 0)
         certain[side][:, 1] = ~far
     return certain
 
@@ -103,17 +115,17 @@ def _needed(angle: np.ndarray, known: np.ndarray, certain: np.ndarray) -> np.nda
     angle (place, sample - 1): rad, from each to the next. The noise of all steps adds up, and a polynomial does not
     follow far what tumbles.
     """
-    centre = HALF_WIDTHS[-1]
+    centre = LOCAL_MOTION.half_widths[-1]
     number = np.abs(np.arange(known.shape[1]) - centre)
     path = np.pad(np.cumsum(angle, axis=1), ((0, 0), (1, 0)))
     away = np.abs(path - path[:, [centre]])
     needed = known
     for close in (
         certain,
-        certain & (number < FEWEST),
-        certain & ((away < MOST_FOLLOWED) | (2 * number <= FEWEST)),
+        certain & (number < LOCAL_MOTION.fewest),
+        certain & ((away < MOST_FOLLOWED) | (2 * number <= LOCAL_MOTION.fewest)),
     ):
-        needed = np.where((close.sum(axis=1) >= FEWEST)[:, None], close, needed)
+        needed = np.where((close.sum(axis=1) >= LOCAL_MOTION.fewest)[:, None], close, needed)
     return needed
 
 

@@ -13,13 +13,23 @@ import numpy as np
 from capture_cli.estimate.noise.autocorrelation import autocorrelation_time
 from capture_cli.estimate.solve.linearization import Evidence, Linearization
 
-# Error over the noise floor below which nobody would look for a missing effect: of all outputs, and of one of them
-PRACTICAL, PRACTICAL_OF_ONE = 1.1, 1.2
-# The same on what was held out, up to which a model counts as the explanation
-NEAR_FLOOR, NEAR_FLOOR_OF_ONE = 1.2, 1.3
-FLOOR_SHARE = 2.0  # variance of a floor from second differences over that of a mean square: 1.9
-FLOOR_UNCERTAINTY = 0.03  # of the noise floor's own standard deviation, on top of its sampling error
-Z = 3.0  # one-sided, p = 0.0013
+
+@dataclass(frozen=True)
+class LackOfFitSettings:
+    # Error over the noise floor below which nobody would look for a missing effect: of all outputs, and of
+    # one of them
+    practical: float = 1.1
+    practical_of_one: float = 1.2
+    # The same on what was held out, up to which a model counts as the explanation
+    near_floor: float = 1.2
+    near_floor_of_one: float = 1.3
+    floor_share: float = 2.0  # variance of a floor from second differences over that of a mean square: 1.9
+    # of the noise floor's own standard deviation, on top of its sampling error
+    floor_uncertainty: float = 0.03
+    z: float = 3.0  # one-sided, p = 0.0013
+
+
+SETTINGS = LackOfFitSettings()
 
 
 @dataclass(frozen=True)
@@ -49,7 +59,9 @@ class LackOfFit:
     @property
     def is_near(self) -> bool:
         """Whether what is left is little enough for the model to count as the explanation."""
-        return not self.lacking or (self.normalized <= NEAR_FLOOR and self.outputs.max() <= NEAR_FLOOR_OF_ONE)
+        return not self.lacking or (
+            self.normalized <= SETTINGS.near_floor and self.outputs.max() <= SETTINGS.near_floor_of_one
+        )
 
 
 def lack_of_fit(at: Linearization, residual: np.ndarray | None = None) -> LackOfFit:
@@ -58,20 +70,20 @@ def lack_of_fit(at: Linearization, residual: np.ndarray | None = None) -> LackOf
     residual (window, row): instead of its own, as of another noise.
 
     Under the null the residual is the noise, which the floor takes to be white: the ratio of their squares has mean 1
-    and variance 2 / n, plus FLOOR_SHARE times as much, as the floor is itself estimated from these samples. The
+    and variance 2 / n, plus `floor_share` times as much, as the floor is itself estimated from these samples. The
     autocorrelation time is reported only: a residual that is not white is no reason to ask for less.
     """
     spent = len(at.x) + at.fitted_starts
     residual = at.residual if residual is None else residual
-    return _compared(at.evidence, residual, spent, PRACTICAL, PRACTICAL_OF_ONE)
+    return _compared(at.evidence, residual, spent, SETTINGS.practical, SETTINGS.practical_of_one)
 
 
 def lack_held_out(evidence: Evidence, residual: np.ndarray) -> LackOfFit:
     """Of what was held out, of which a model that did not see it leaves residual (window, row); nothing lacks nothing.
 
-    A model counts as the explanation up to NEAR_FLOOR: its parameters are not exact.
+    A model counts as the explanation up to `near_floor`: its parameters are not exact.
     """
-    return _compared(evidence, residual, 0.0, NEAR_FLOOR, NEAR_FLOOR_OF_ONE)
+    return _compared(evidence, residual, 0.0, SETTINGS.near_floor, SETTINGS.near_floor_of_one)
 
 
 def _compared(
@@ -112,6 +124,6 @@ def by_chance(degrees: float | np.ndarray, of: int = 1) -> float | np.ndarray:
     """
     from scipy.special import ndtr, ndtri
 
-    z = Z if of == 1 else -ndtri(ndtr(-Z) / of)
-    spread = np.sqrt(2 / degrees * (1 + FLOOR_SHARE) + (2 * FLOOR_UNCERTAINTY) ** 2)
+    z = SETTINGS.z if of == 1 else -ndtri(ndtr(-SETTINGS.z) / of)
+    spread = np.sqrt(2 / degrees * (1 + SETTINGS.floor_share) + (2 * SETTINGS.floor_uncertainty) ** 2)
     return np.sqrt(1 + z * spread)

@@ -17,12 +17,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.estimate.noise.repeats import FEWEST, SHORTEST, from_repeats, repeats
+from capture_cli.estimate.noise.repeats import SETTINGS as REPEATS
+from capture_cli.estimate.noise.repeats import SHORTEST, from_repeats, repeats
 from capture_cli.log.quantisation import scatter_of_steps
 from capture_cli.log.white_noise import from_differences, trimmed_sd
 
-SMALLEST = 1e-7  # of the output's own standard deviation: floor for logs without noise
-ROUNDING = 1e-12  # of the largest number: an output that changes by less is always the same
+
+@dataclass(frozen=True)
+class NoiseFloorSettings:
+    smallest: float = 1e-7  # of the output's own standard deviation: floor for logs without noise
+    rounding: float = 1e-12  # of the largest number: an output that changes by less is always the same
+
+
+SETTINGS = NoiseFloorSettings()
 
 
 @dataclass(frozen=True)
@@ -61,7 +68,7 @@ def noise_floor(
     known_sd = np.array([by if known is None else known for known, by in zip(declared, sd, strict=True)])
     numbers = repeats(time, driven_by, outputs, episodes, known_sd, sampled)
     groups = [[episodes[number] for number in group] for group in numbers]
-    smallest = SMALLEST * outputs.std(axis=0, where=sampled)
+    smallest = SETTINGS.smallest * outputs.std(axis=0, where=sampled)
     for k, known in enumerate(declared):
         if known is not None:
             sd[k], smallest[k], source[k] = known, 0.0, "declared"
@@ -71,7 +78,7 @@ def noise_floor(
             continue
         common = [_in_common(outputs[:, k], sampled[:, k], g) for g in groups]
         deviations, degrees = from_repeats(common, max(SHORTEST, round(block * sampled[:, k].mean())))
-        if degrees >= FEWEST:
+        if degrees >= REPEATS.fewest:
             sd[k], source[k] = trimmed_sd(deviations), "repeats"
         by_steps = scatter_of_steps(series[k])
         if by_steps > sd[k]:
@@ -82,7 +89,7 @@ def noise_floor(
 
 def _is_constant(values: np.ndarray) -> bool:
     """Whether values (sample,) are one and the same but for rounding."""
-    return not len(values) or bool(np.ptp(values) <= ROUNDING * np.abs(values).max())
+    return not len(values) or bool(np.ptp(values) <= SETTINGS.rounding * np.abs(values).max())
 
 
 def _in_common(output: np.ndarray, sampled: np.ndarray, repeated: Sequence[slice]) -> np.ndarray:
@@ -115,4 +122,4 @@ def shared_source(source: Sequence[str], sd: np.ndarray, attitudes: Sequence[np.
 
 def least_floor(series: Sequence[np.ndarray]) -> float:
     """The least that the floor of such an output can be: the scatter of its steps, and more than nothing."""
-    return max(scatter_of_steps(series), SMALLEST * float(np.concatenate(series).std()))
+    return max(scatter_of_steps(series), SETTINGS.smallest * float(np.concatenate(series).std()))

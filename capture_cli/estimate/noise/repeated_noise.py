@@ -6,7 +6,8 @@ import numpy as np
 
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.noise.noise_floor import NoiseFloor, least_floor, shared, shared_source
-from capture_cli.estimate.noise.repeats import FEWEST, pure_error, repeats
+from capture_cli.estimate.noise.repeats import SETTINGS as REPEATS
+from capture_cli.estimate.noise.repeats import pure_error, repeats
 from capture_cli.estimate.prepare import driven_by, with_noise
 from capture_cli.estimate.prepared_log import PreparedLog, attitudes
 from capture_cli.estimate.solve.base import Best
@@ -33,7 +34,7 @@ def with_noise_of_repeats(
     deviations, degrees = pure_error(at, _repeated_windows(prepared))
     sd, source = prepared.noise.sd.copy(), list(prepared.noise.source)
     for k in np.flatnonzero([s == "repeats" for s in source]):
-        if degrees[k] >= FEWEST:
+        if degrees[k] >= REPEATS.fewest:
             samples = prepared.samples(k)
             sd[k] *= trimmed_sd(deviations[k])
             if sd[k] < scatter_of_steps(samples):

@@ -9,19 +9,29 @@ Hunter & Hunter, Statistics for Experimenters, 2nd ed., section 10.3). What is l
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from capture_cli.estimate.solve.linearization import Linearization
 
-FIRST = 9  # samples that tell whether two starts are the same
-SAME = 5.0  # standard deviations of their difference
-DEGREE = 3  # of the polynomial that a start's influence is within a block
-SHORTEST = 2 * (DEGREE + 1)  # samples of such a block
-FEWEST = 200  # degrees of freedom: with fewer the floor would be uncertain by more than 5 %
-ROUNDING = 1e-9  # of the largest number: by so much starts may differ in any case
-LEFT_OF_A_ROW = 0.1  # share of a row's noise that starts cannot take: with less the row says nothing
+
+@dataclass(frozen=True)
+class RepeatsSettings:
+    first: int = 9  # samples that tell whether two starts are the same
+    same: float = 5.0  # standard deviations of their difference
+    degree: int = 3  # of the polynomial that a start's influence is within a block
+    fewest: int = 200  # degrees of freedom: with fewer the floor would be uncertain by more than 5 %
+    rounding: float = 1e-9  # of the largest number: by so much starts may differ in any case
+    # share of a row's noise that starts cannot take: with less the row says nothing
+    left_of_a_row: float = 0.1
+
+
+SETTINGS = RepeatsSettings()
+
+
+SHORTEST = 2 * (SETTINGS.degree + 1)  # samples of such a block
 
 
 def repeats(
@@ -72,10 +82,10 @@ def from_repeats(series: Sequence[np.ndarray], block: int) -> tuple[np.ndarray, 
             size = last - first
             if size < SHORTEST:
                 continue
-            basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, size), DEGREE + 1))
+            basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, size), SETTINGS.degree + 1))
             piece = apart[:, first:last].T
             left = piece - basis @ (basis.T @ piece)
-            free = (size - DEGREE - 1) * (repeated - 1)
+            free = (size - SETTINGS.degree - 1) * (repeated - 1)
             deviations.append(left.ravel() * np.sqrt(size * repeated / free))
             degrees += free
     return np.concatenate([np.zeros(0), *deviations]), degrees
@@ -97,7 +107,7 @@ def pure_error(at: Linearization, groups: Sequence[np.ndarray]) -> tuple[list[np
         basis = _basis(at.by_start[group].mean(axis=0) * rows[:, None])
         left = (apart - apart @ basis @ basis.T).reshape(len(group), steps, outputs)
         share = 1 - np.square(basis).sum(axis=1).reshape(steps, outputs)
-        says = (share > LEFT_OF_A_ROW) & common
+        says = (share > SETTINGS.left_of_a_row) & common
         for k in range(outputs):
             own = says[:, k]
             scale = np.sqrt(len(group) / (len(group) - 1) / share[own, k])
@@ -118,7 +128,7 @@ def _about(driven: np.ndarray) -> tuple:
 
 
 def _same_times(a: np.ndarray, b: np.ndarray) -> bool:
-    if len(a) != len(b) or len(a) < FIRST:
+    if len(a) != len(b) or len(a) < SETTINGS.first:
         return False
     return bool(np.allclose(a - a[0], b - b[0], rtol=0, atol=1e-3 * np.median(np.diff(a))))
 
@@ -144,7 +154,7 @@ def _same_start(a: _Episode, b: _Episode, noise_sd: np.ndarray) -> bool:
 def _first_samples(episode: _Episode, output: int) -> tuple[np.ndarray, np.ndarray]:
     """Times, from the first step on, and values of the first samples of an output, (sample,)."""
     time, outputs, sampled = episode
-    steps = np.flatnonzero(sampled[:, output])[:FIRST]
+    steps = np.flatnonzero(sampled[:, output])[: SETTINGS.first]
     return time[steps] - time[0], outputs[steps, output]
 
 
@@ -156,6 +166,6 @@ def _same_line(a: tuple[np.ndarray, np.ndarray], b: tuple[np.ndarray, np.ndarray
         inverse = np.linalg.inv(design.T @ design)
         lines.append(inverse @ design.T @ values)
         variances.append(np.diag(inverse))
-    rounding = ROUNDING * max(np.abs(values).max() for _, values in (a, b))
+    rounding = SETTINGS.rounding * max(np.abs(values).max() for _, values in (a, b))
     sd = np.sqrt(variances[0] + variances[1]) * max(noise_sd, rounding)
-    return bool((np.abs(lines[0] - lines[1]) <= SAME * sd).all())
+    return bool((np.abs(lines[0] - lines[1]) <= SETTINGS.same * sd).all())

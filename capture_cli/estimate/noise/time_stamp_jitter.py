@@ -15,19 +15,27 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from capture_cli.estimate.noise.lack_of_fit import FLOOR_SHARE, LackOfFit, lack_held_out, lack_of_fit
+from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
+from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.linearization import Linearization
 from capture_cli.log.white_noise import differences, trimmed_sd
 
 ORDERS = range(2, 7)  # of differences
-SETTLED = 1.25  # times, at most, the next order gives more or less: otherwise it is not white
-BINS = 10  # by speed, each with as many differences
-FEWEST = 20  # differences in a bin
-SURE = 5.0  # sd of the growth with the squared speed
-STRAIGHT = 0.35  # of the variance in a bin is off the line, root mean square
-WORTH_A_WORD = 0.3  # of the variance of an output's noise
+
+
+@dataclass(frozen=True)
+class TimeStampJitterSettings:
+    settled: float = 1.25  # times, at most, the next order gives more or less: otherwise it is not white
+    bins: int = 10  # by speed, each with as many differences
+    fewest: int = 20  # differences in a bin
+    sure: float = 5.0  # sd of the growth with the squared speed
+    straight: float = 0.35  # of the variance in a bin is off the line, root mean square
+    worth_a_word: float = 0.3  # of the variance of an output's noise
+
+
+SETTINGS = TimeStampJitterSettings()
 
 
 @dataclass(frozen=True)
@@ -69,7 +77,7 @@ def time_stamp_jitter(
             continue
         still, slope = found
         moving = slope * np.square(np.concatenate(speeds)).mean()
-        if moving < WORTH_A_WORD * (still + moving):
+        if moving < SETTINGS.worth_a_word * (still + moving):
             continue
         sd[k], share[k] = np.sqrt(slope) * prepared.noise.sd[k], moving / (still + moving)
         for steps, speed in zip(own, speeds, strict=True):
@@ -114,7 +122,11 @@ def _settled(
     """
     found = list(_by_order(series, times, speeds))
     for this, following in pairwise(found):
-        if this is not None and following is not None and 1 / SETTLED < following[1] / this[1] < SETTLED:
+        if (
+            this is not None
+            and following is not None
+            and 1 / SETTINGS.settled < following[1] / this[1] < SETTINGS.settled
+        ):
             return this
     return None
 
@@ -127,7 +139,7 @@ def _by_order(
             np.concatenate([differences(s, t, order) for s, t in zip(values, times, strict=True)] or [[]])
             for values in (series, speeds)
         )
-        if len(left) < BINS * FEWEST or not late.any():
+        if len(left) < SETTINGS.bins * SETTINGS.fewest or not late.any():
             yield None
             continue
         left = left - late * (left @ late) / (late @ late)  # what all are late by, where motion is not smooth
@@ -141,20 +153,22 @@ def _line(values: np.ndarray, squares: np.ndarray) -> tuple[float, float] | None
     """The line of the variance of `values` (n,) over squared speeds (n,): at rest, and its slope; None where it is no
     line that surely rises. Without the largest in each bin, which impacts may be.
     """
-    bins = np.array_split(np.argsort(squares, kind="stable"), BINS)
+    bins = np.array_split(np.argsort(squares, kind="stable"), SETTINGS.bins)
     unit = squares.mean()
     centres = np.array([squares[b].mean() for b in bins]) / unit
     variances = np.array([trimmed_sd(values[b]) ** 2 for b in bins])
     if np.ptp(centres) == 0 or not ((variances > 0) & np.isfinite(variances)).all():
         return None
-    columns, relative = np.stack([np.ones(BINS), centres], axis=1), variances
+    columns, relative = np.stack([np.ones(SETTINGS.bins), centres], axis=1), variances
     for _ in range(2):  # by the variances found, then by those of the line
         weights = 1 / np.square(relative)
         normal = columns.T @ (weights[:, None] * columns)
         still, slope = np.linalg.solve(normal, columns.T @ (weights * variances))
         relative = np.maximum(still + slope * centres, 0.1 * variances)
-    uncertain = np.sqrt(2 * (1 + FLOOR_SHARE) / (len(values) / BINS) * np.linalg.inv(normal)[1, 1])
+    uncertain = np.sqrt(
+        2 * (1 + LACK_OF_FIT.floor_share) / (len(values) / SETTINGS.bins) * np.linalg.inv(normal)[1, 1]
+    )
     off = np.sqrt(np.mean(np.square(variances / relative - 1)))
-    if slope < SURE * uncertain or off > STRAIGHT:
+    if slope < SETTINGS.sure * uncertain or off > SETTINGS.straight:
         return None
     return float(max(still, variances.min() / 2)), float(slope / unit)

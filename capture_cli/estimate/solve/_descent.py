@@ -5,6 +5,8 @@ Nocedal & Wright, Numerical Optimization, 2nd ed., sections 10.3 and 4.1.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.estimate.solve.base import Best
@@ -18,27 +20,42 @@ from capture_cli.estimate.solve.linearization import (
     trial_objectives,
 )
 
-RADIUS = 0.25  # of the unit cube, the first trust region
-SHRINK = (1.0, 0.25, 0.0625, 0.015625)  # step lengths tried at once after a step that failed
-# Of the objective over k: less that is promised and not kept is lost in roughness; where contacts make the error rough,
-# more, or a descent goes on for a hundred rounds by a tenth of a standard error at a time.
-LOST, LOST_IF_ROUGH = 0.1, 0.5
-MOST_VAIN = 2  # rounds of shorter steps, one after the other, that bring less than that
-# Rounds from where it begins after which k is held. It depends on the residual and the residual on it: where the model
-# is wrong the two can chase each other for ever.
-SETTLED = 15
-COLLAPSED = 1e-3  # of the unit cube: a trust region this small has lost touch with the error's shape
-# Beyond FAR noise floors there is no exact fit to be had: a tolerance of 1 is this share of the objective, at least
-FAR, SHARE = 2.0, 0.03
-RESTARTS = 2  # times that a descent begins anew where it is
-SEARCHES = 3  # times that it looks for windows that got stuck
-STUCK = 0.999  # share of the error at the last restart above which another would end in the same place
-CARRIED = 3  # steps in a row with sensitivities that were carried along rather than measured
-PACE = 8  # rounds: how fast a descent goes is how far it came in these
-# A window goes back alone from a step that helps the others where its objective grows by SPOILT, over k, and takes all
-# that they gain; where they gain more, only if it grows to RUNAWAY times what it was and SPOILT.
-SPOILT, RUNAWAY = 9.0, 2.0
-LET_GO = 10.0  # a window's damping is so many times less after each step
+
+@dataclass(frozen=True)
+class DescentSettings:
+    radius: float = 0.25  # of the unit cube, the first trust region
+    # step lengths tried at once after a step that failed
+    shrink: tuple[float, ...] = (1.0, 0.25, 0.0625, 0.015625)
+    # Of the objective over k: less that is promised and not kept is lost in roughness; where contacts make
+    # the error rough, more, or a descent goes on for a hundred rounds by a tenth of a standard error at a
+    # time.
+    lost: float = 0.1
+    lost_if_rough: float = 0.5
+    most_vain: int = 2  # rounds of shorter steps, one after the other, that bring less than that
+    # Rounds from where it begins after which k is held. It depends on the residual and the residual on it:
+    # where the model is wrong the two can chase each other for ever.
+    settled: int = 15
+    # of the unit cube: a trust region this small has lost touch with the error's shape
+    collapsed: float = 1e-3
+    # Beyond FAR noise floors there is no exact fit to be had: a tolerance of 1 is this share of the
+    # objective, at least
+    far: float = 2.0
+    share: float = 0.03
+    restarts: int = 2  # times that a descent begins anew where it is
+    searches: int = 3  # times that it looks for windows that got stuck
+    # share of the error at the last restart above which another would end in the same place
+    stuck: float = 0.999
+    carried: int = 3  # steps in a row with sensitivities that were carried along rather than measured
+    pace: int = 8  # rounds: how fast a descent goes is how far it came in these
+    # A window goes back alone from a step that helps the others where its objective grows by SPOILT, over k,
+    # and takes all that they gain; where they gain more, only if it grows to RUNAWAY times what it was and
+    # SPOILT.
+    spoilt: float = 9.0
+    runaway: float = 2.0
+    let_go: float = 10.0  # a window's damping is so many times less after each step
+
+
+SETTINGS = DescentSettings()
 
 
 class Descent:
@@ -70,13 +87,13 @@ class Descent:
         self._measured = measured
         self._at: Linearization | None = None
         self._k = np.inf
-        self._settled = SETTLED
-        self._radius = RADIUS
+        self._settled = SETTINGS.settled
+        self._radius = SETTINGS.radius
         self._damping = np.zeros(len(evidence.start_sd))
         self._repairing = False
         self._promised = np.inf
         self._carry = False
-        self._restarts, self._searches = RESTARTS, SEARCHES
+        self._restarts, self._searches = SETTINGS.restarts, SETTINGS.searches
         self._vain = 0
         self._restarted_with = np.inf
         self._errors: list[float] = []  # after each round
@@ -107,13 +124,13 @@ class Descent:
     @property
     def _little(self) -> float:
         """Of the objective: a gain that is not worth another round."""
-        far = self.error > FAR
-        return self.tolerance * max(self._k, SHARE * self.error**2 * self.evidence.count * far)
+        far = self.error > SETTINGS.far
+        return self.tolerance * max(self._k, SETTINGS.share * self.error**2 * self.evidence.count * far)
 
     @property
     def _lost(self) -> float:
         """Of the objective: what is promised, and not kept, for roughness alone."""
-        return max((LOST_IF_ROUGH if self.evidence.rough else LOST) * self._k, self._little)
+        return max((SETTINGS.lost_if_rough if self.evidence.rough else SETTINGS.lost) * self._k, self._little)
 
     def ask(self) -> Trial:
         """One candidate, with its finite differences where they are due; or several without, to choose from."""
@@ -128,11 +145,11 @@ class Descent:
         self._errors.append(self.error)
 
     def would_reach(self, error: float, rounds: int) -> bool:
-        """Whether it gets down to `error` in so many more rounds if it goes on as in the last PACE."""
-        if self.error <= error or len(self._errors) <= PACE:
+        """Whether it gets down to `error` in so many more rounds if it goes on as in the last `pace`."""
+        if self.error <= error or len(self._errors) <= SETTINGS.pace:
             return True
-        gained = self._errors[-1 - PACE] - self.error
-        return self.error - rounds / PACE * gained <= error
+        gained = self._errors[-1 - SETTINGS.pace] - self.error
+        return self.error - rounds / SETTINGS.pace * gained <= error
 
     def falls_short_of(self, error: float) -> bool:
         """Whether the last two linearizations that were measured put their least error above `error`."""
@@ -167,24 +184,24 @@ class Descent:
     def _accept(self, there: Linearization, before: np.ndarray, after: np.ndarray) -> None:
         k, back = self._k, self.offsets
         gained = float((before - after).sum())
-        ran_away = after > RUNAWAY * before + SPOILT * k
+        ran_away = after > SETTINGS.runaway * before + SETTINGS.spoilt * k
         self._move(there)
         self._repairing = bool(ran_away.any())
         if self._repairing:
             self._carry = False
             self._send_back(ran_away, self.x, self.offsets, back)
             return
-        self._damping = np.where(self._damping > 1e-3 * k, self._damping / LET_GO, 0.0)
+        self._damping = np.where(self._damping > 1e-3 * k, self._damping / SETTINGS.let_go, 0.0)
         self._radius = min(2 * self._radius, 1.0)
         if gained < self._little:
             self._settle()
-        elif self._carried > CARRIED:
+        elif self._carried > SETTINGS.carried:
             self._refresh()
         else:
             self._propose()
 
     def _reject(self, x: np.ndarray, offsets: np.ndarray, before: np.ndarray, after: np.ndarray) -> None:
-        spoilt = (after > before + SPOILT * self._k) & (offsets != self.offsets).any(axis=1)
+        spoilt = (after > before + SETTINGS.spoilt * self._k) & (offsets != self.offsets).any(axis=1)
         if (before - after)[~spoilt].sum() > self._lost:
             self._send_back(spoilt, x, offsets, self.offsets)
         elif self._carried:
@@ -199,11 +216,11 @@ class Descent:
     def _send_back(self, windows: np.ndarray, x: np.ndarray, offsets: np.ndarray, back: np.ndarray) -> None:
         """Ask next for x (parameter,) with starts at `offsets`, those of the `windows` (window,) back and damped.
 
-        By what their objectives bend on average: of less, directions that show little take no notice. And LET_GO times
-        as much, which the step that they do not take lets go of.
+        By what their objectives bend on average: of less, directions that show little take no notice. And `let_go`
+        times as much, which the step that they do not take lets go of.
         """
         bends = np.trace(self._at.products[2], axis1=1, axis2=2) / max(len(self.evidence.movable), 1)
-        damping = LET_GO * np.maximum(LET_GO * self._damping, bends + self._k)
+        damping = SETTINGS.let_go * np.maximum(SETTINGS.let_go * self._damping, bends + self._k)
         self._damping = np.where(windows, damping, self._damping)
         self._try(x, np.where(windows[:, None], back, offsets))
 
@@ -294,7 +311,7 @@ class Descent:
         self._carry = False
         still = np.zeros_like(self.x)
         together, held, alone = [], [], []
-        for factor in SHRINK:
+        for factor in SETTINGS.shrink:
             damping = self._shorter_damping(factor, k)
             dx = self._step(self._radius * factor / 4, damping)
             x = np.clip(self.x + dx, 0, 1)
@@ -308,12 +325,12 @@ class Descent:
         k = self._k
         before = self._at.objectives(k)
         offsets, values = self._trials_judged(outputs, diverged)
-        together, held, alone = values.reshape(3, len(SHRINK), -1)
+        together, held, alone = values.reshape(3, len(SETTINGS.shrink), -1)
         chosen = int(np.argmin(np.minimum(together, held).sum(axis=1)))
         moved = np.minimum(together[chosen], held[chosen]).sum()
-        moves, found = best_trials(offsets[2 * len(SHRINK) :], alone)
+        moves, found = best_trials(offsets[2 * len(SETTINGS.shrink) :], alone)
         stayed = np.minimum(found, before).sum()
-        factor = SHRINK[chosen] if moved < before.sum() else SHRINK[-1]
+        factor = SETTINGS.shrink[chosen] if moved < before.sum() else SETTINGS.shrink[-1]
         self._radius *= factor / 4
         if moved < min(stayed, before.sum()):
             keeps = held[chosen] < together[chosen]
@@ -324,10 +341,10 @@ class Descent:
         self._damping[keeps] = self._shorter_damping(factor, k)[keeps]
         gained = before.sum() - min(moved, stayed)
         self._vain = self._vain + 1 if gained < self._lost else 0
-        collapsed = self._radius < COLLAPSED
-        if self._vain == MOST_VAIN or (collapsed and self._may_search):
+        collapsed = self._radius < SETTINGS.collapsed
+        if self._vain == SETTINGS.most_vain or (collapsed and self._may_search):
             self._give_up()
-        elif collapsed and self._restarts and self.error < STUCK * self._restarted_with:
+        elif collapsed and self._restarts and self.error < SETTINGS.stuck * self._restarted_with:
             self._restarts -= 1
             self._restart(*better)
         elif gained > self._little:
@@ -338,9 +355,9 @@ class Descent:
     def _restart(self, x: np.ndarray, offsets: np.ndarray) -> None:
         """Go on from x (parameter,) and `offsets` as if begun there: steps that failed elsewhere do not count."""
         self._restarted_with = self.error
-        self._settled = self.rounds + SETTLED
+        self._settled = self.rounds + SETTINGS.settled
         self._vain = 0
-        self._radius = RADIUS
+        self._radius = SETTINGS.radius
         self._damping[:] = 0.0
         self.x, self.offsets = x, offsets
         self._refresh()

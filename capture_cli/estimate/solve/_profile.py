@@ -18,16 +18,25 @@ from capture_cli.estimate.solve.base import Evaluate
 from capture_cli.estimate.solve.intervals import noise_along
 from capture_cli.estimate.solve.linearization import Linearization, Trial, columns, held_step
 
-FEW = 2.0  # windows (Kish's effective number) that next to all is from which is known of a parameter
-# Times as far as sensitivities say that the limit is: one that hangs is not excluded there, either
-FARTHER = 1.5
-PLACES = 5  # at once, between the outermost that noise allows and the next
-AGAIN = 2  # of those beyond, the nearest, tried again with them
-LEVELS = 5  # times, at most
-CLOSE = 0.01  # of the range, between the outermost that noise allows and one that is excluded: close enough
-ROUNDS = 4  # of simulations, at most, in which the others are refitted
-LITTLE = 0.1  # of the objective over k, or of what the error is beyond the limit: not worth a simulation
-HOPELESS = 100.0  # times what noise allows: not worth one until the place is tried from nearer
+
+@dataclass(frozen=True)
+class ProfileSettings:
+    # windows (Kish's effective number) that next to all is from which is known of a parameter
+    few: float = 2.0
+    # Times as far as sensitivities say that the limit is: one that hangs is not excluded there, either
+    farther: float = 1.5
+    places: int = 5  # at once, between the outermost that noise allows and the next
+    again: int = 2  # of those beyond, the nearest, tried again with them
+    levels: int = 5  # times, at most
+    # of the range, between the outermost that noise allows and one that is excluded: close enough
+    close: float = 0.01
+    rounds: int = 4  # of simulations, at most, in which the others are refitted
+    # of the objective over k, or of what the error is beyond the limit: not worth a simulation
+    little: float = 0.1
+    hopeless: float = 100.0  # times what noise allows: not worth one until the place is tried from nearer
+
+
+SETTINGS = ProfileSettings()
 
 
 @dataclass(frozen=True)
@@ -51,8 +60,8 @@ def hanging(at: Linearization, sd: np.ndarray, evaluate: Evaluate, *, limit: np.
     """
     profiles, information = _Profiles(at, evaluate, limit), at.information
     windows = np.square(information.sum(axis=0)) / np.maximum(np.square(information).sum(axis=0), 1e-300)
-    reach = FARTHER * np.sqrt(limit) * sd
-    looked = np.flatnonzero((windows < FEW) & np.isfinite(reach))
+    reach = SETTINGS.farther * np.sqrt(limit) * sd
+    looked = np.flatnonzero((windows < SETTINGS.few) & np.isfinite(reach))
     ends = [(int(i), float(at.x[i] + way * reach[i])) for i in looked for way in (-1, 1)]
     places = [profiles.place(i, to, at) for i, to in ends if 0 <= to <= 1]
     profiles.refit(places)
@@ -70,7 +79,7 @@ def profile(
     profiles = _Profiles(at, evaluate, limit)
     found = np.full((len(at.x), 2), np.nan)
     sides = [_Side(i, end, at) for i in which for end in (0, 1) if at.x[i] != end]
-    for _ in range(1 + LEVELS):
+    for _ in range(1 + SETTINGS.levels):
         places = [[profiles.place(side.held, to, side.inside) for to in side.places()] for side in sides]
         profiles.refit([place for own in places for place in own])
         best = min((p.at for own in places for p in own if p.at), key=profiles.rise, default=at)
@@ -121,18 +130,18 @@ class _Side:
 
     @property
     def is_done(self) -> bool:
-        return not self.beyond or abs(self.limit - self.inside.x[self.held]) <= CLOSE
+        return not self.beyond or abs(self.limit - self.inside.x[self.held]) <= SETTINGS.close
 
     def places(self) -> list[float]:
         """Where to look next, from inside out: at first at the end, which may be as good."""
         if self.beyond is None:
             return [float(self.end)]
-        between = np.linspace(self.inside.x[self.held], self.beyond[0].to, PLACES + 2)[1:-1]
-        return [*between.tolist(), *(place.to for place in self.beyond[:AGAIN])]
+        between = np.linspace(self.inside.x[self.held], self.beyond[0].to, SETTINGS.places + 2)[1:-1]
+        return [*between.tolist(), *(place.to for place in self.beyond[: SETTINGS.again])]
 
     def tell(self, places: Sequence[_Place]) -> None:
         """What was found at `places`, from inside out."""
-        row = [*places, *(self.beyond or ())[AGAIN:]]
+        row = [*places, *(self.beyond or ())[SETTINGS.again :]]
         last = max((number for number, place in enumerate(row) if place.allowed), default=-1)
         if last >= 0 and row[last].at is not None:
             self.inside = row[last].at
@@ -167,7 +176,7 @@ class _Profiles:
 
     def refit(self, places: Sequence[_Place]) -> None:
         """Refit the others at each place, for as long as it may turn out not to be excluded."""
-        for _ in range(ROUNDS):
+        for _ in range(SETTINGS.rounds):
             active = [place for place in places if place.asked]
             before = [place.at for place in active]
             self.simulate(active)
@@ -202,8 +211,8 @@ class _Profiles:
         offsets = at.start_offsets(dx, self.k)
         promised = at.predicted_gain(dx, offsets, self.k)
         place.allowed, place.excluded = rise <= allowed, rise - promised > allowed
-        hopeless = rise - promised > HOPELESS * allowed
-        if not (place.allowed or hopeless) and promised > LITTLE * max(self.k, rise - allowed):
+        hopeless = rise - promised > SETTINGS.hopeless * allowed
+        if not (place.allowed or hopeless) and promised > SETTINGS.little * max(self.k, rise - allowed):
             place.asked = [(np.clip(at.x + dx, 0, 1), offsets)]
 
     def _step(self, at: Linearization, held: int, by: float = 0.0) -> np.ndarray:

@@ -18,17 +18,28 @@ import numpy as np
 
 from capture_cli.estimate.solve.linearization import Linearization, Trial, trial_objectives
 
-KNOWN = 1.0  # free numbers, at most, that known starts amount to
-AWAY = 2.0  # sd: where the error is compared with its parabola
-ALIKE = 1.5  # times: by as much they may differ
-MOST_PARAMETERS = 2  # of more so few points say too little
-SCALES = (1.0, 4.0, 16.0, 64.0)  # times the sd by the curvature, of the first points
-POINTS = 32  # of a round
-ROUNDS = 4
-WIDER = 1.5  # times the sd that the points so far say, of the next
-LARGEST_SD, SMALLEST_SD = 0.3, 1e-5  # of the range, that points are drawn with
-ENOUGH = 12.0  # points that carry the weight (Kish's effective size)
-COOLER, COLDEST = 0.8, 1e-3  # steps of the temperature, and where they end
+
+@dataclass(frozen=True)
+class SampledPosteriorSettings:
+    known: float = 1.0  # free numbers, at most, that known starts amount to
+    away: float = 2.0  # sd: where the error is compared with its parabola
+    alike: float = 1.5  # times: by as much they may differ
+    most_parameters: int = 2  # of more so few points say too little
+    scales: tuple[float, ...] = (1.0, 4.0, 16.0, 64.0)  # times the sd by the curvature, of the first points
+    points: int = 32  # of a round
+    rounds: int = 4
+    wider: float = 1.5  # times the sd that the points so far say, of the next
+    # of the range, that points are drawn with
+    largest_sd: float = 0.3
+    smallest_sd: float = 1e-5
+    enough: float = 12.0  # points that carry the weight (Kish's effective size)
+    # steps of the temperature, and where they end
+    cooler: float = 0.8
+    coldest: float = 1e-3
+
+
+SETTINGS = SampledPosteriorSettings()
+
 
 # What trials show: outputs (candidate, window, step, output), and what diverged (candidate, window).
 Evaluate = Callable[[Trial], tuple[np.ndarray, np.ndarray]]
@@ -57,7 +68,7 @@ class _Proposal:
     @classmethod
     def about(cls, mean: np.ndarray, covariance: np.ndarray, count: int) -> _Proposal:
         values, vectors = np.linalg.eigh(covariance)
-        values = np.clip(values, SMALLEST_SD**2, LARGEST_SD**2)
+        values = np.clip(values, SETTINGS.smallest_sd**2, SETTINGS.largest_sd**2)
         return cls(mean, (vectors * values) @ vectors.T, count)
 
     def draw(self, generator: np.random.Generator) -> np.ndarray:
@@ -75,16 +86,16 @@ def is_rough(at: Linearization, covariance: np.ndarray, evaluate: Evaluate) -> b
     """Whether the error about an estimate, of this covariance (p, p) in the unit cube, is not the parabola that the
     sensitivities there say. False where starts are not known, and for more parameters than sampling is good for.
     """
-    if not 0 < len(at.x) <= MOST_PARAMETERS or at.fitted_starts > KNOWN:
+    if not 0 < len(at.x) <= SETTINGS.most_parameters or at.fitted_starts > SETTINGS.known:
         return False
     k = at.scatter
-    sd = np.sqrt(np.maximum(np.diag(covariance), SMALLEST_SD**2))
-    # row k: where the others are likeliest with parameter k so far off, `AWAY` sd by the whole covariance
-    ridges = AWAY * covariance / sd[:, None]
+    sd = np.sqrt(np.maximum(np.diag(covariance), SETTINGS.smallest_sd**2))
+    # row k: where the others are likeliest with parameter k so far off, `away` sd by the whole covariance
+    ridges = SETTINGS.away * covariance / sd[:, None]
     moves = np.clip(at.x + np.concatenate([ridges, -ridges]), 0, 1) - at.x
     expected = -np.array([at.predicted_gain(dx, at.offsets, k) for dx in moves])
     rises = _objectives(at, at.x + moves, evaluate) - at.objectives(k).sum()
-    apart = (rises < expected / ALIKE) | (rises > ALIKE * expected)
+    apart = (rises < expected / SETTINGS.alike) | (rises > SETTINGS.alike * expected)
     return bool((apart & (np.maximum(np.abs(rises), expected) > k)).any())
 
 
@@ -96,8 +107,11 @@ def sampled_posterior(
     generator = np.random.default_rng(seed)
     proposals: list[_Proposal] = []
     x, objectives = at.x[None], at.objectives(k).sum()[None]
-    new = [_Proposal.about(at.x, scale**2 * covariance, POINTS // len(SCALES)) for scale in SCALES]
-    for _ in range(ROUNDS):
+    new = [
+        _Proposal.about(at.x, scale**2 * covariance, SETTINGS.points // len(SETTINGS.scales))
+        for scale in SETTINGS.scales
+    ]
+    for _ in range(SETTINGS.rounds):
         drawn = np.concatenate([p.draw(generator) for p in new])
         proposals += new
         x = np.concatenate([x, drawn])
@@ -105,7 +119,7 @@ def sampled_posterior(
         weights = _weights(x, (objectives - objectives.min()) / k, proposals)
         mean = weights @ x
         spread = np.einsum("n,np,nq->pq", weights, x - mean, x - mean)
-        new = [_Proposal.about(mean, WIDER**2 * spread, POINTS)]
+        new = [_Proposal.about(mean, SETTINGS.wider**2 * spread, SETTINGS.points)]
     best = int(np.argmin(objectives))
     gain = float(objectives[0] - objectives[best]) / k
     return SampledPosterior(mean, spread, at.evidence.space.from_unit(x[best]), gain)
@@ -119,9 +133,9 @@ def _weights(x: np.ndarray, above: np.ndarray, proposals: list[_Proposal]) -> np
         log = -heat * above / 2 - np.log(np.maximum(drawn, np.finfo(float).tiny))
         weights = np.exp(log - log.max())
         weights /= weights.sum()
-        if heat < COLDEST or 1 / np.square(weights).sum() >= ENOUGH:
+        if heat < SETTINGS.coldest or 1 / np.square(weights).sum() >= SETTINGS.enough:
             return weights
-        heat *= COOLER
+        heat *= SETTINGS.cooler
 
 
 def _objectives(at: Linearization, x: np.ndarray, evaluate: Evaluate) -> np.ndarray:

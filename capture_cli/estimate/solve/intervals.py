@@ -29,14 +29,20 @@ from capture_cli.estimate.solve.linearization import Linearization
 from capture_cli.model.parameters import SETTINGS as PARAMETERS
 from capture_cli.model.parameters import ParameterSpace
 
-# Posterior sd beyond this share of the range: the 95 % interval spans two thirds of what was known before.
-UNDETERMINED_SD = 1 / 6
-FAR = 2.0  # of the residual's variance over that of the noise, times its correlation time
-LOST_SD = 1.0  # of the range, where the log says nothing at all
-# Farther from a bound than so many of its sd the log decides a parameter: of bounds that are very wide, at_bound of the
-# range may be more than the parameter itself.
-CLEAR_OF_BOUND_SD = 3.0
-ROUNDING = 1e-9  # of the range: what values at a bound are off it by
+
+@dataclass(frozen=True)
+class IntervalsSettings:
+    # Posterior sd beyond this share of the range: the 95 % interval spans two thirds of what was known before.
+    undetermined_sd: float = 1 / 6
+    far: float = 2.0  # of the residual's variance over that of the noise, times its correlation time
+    lost_sd: float = 1.0  # of the range, where the log says nothing at all
+    # Farther from a bound than so many of its sd the log decides a parameter: of bounds that are very wide,
+    # at_bound of the range may be more than the parameter itself.
+    clear_of_bound_sd: float = 3.0
+    rounding: float = 1e-9  # of the range: what values at a bound are off it by
+
+
+SETTINGS = IntervalsSettings()
 
 
 @dataclass(frozen=True)
@@ -70,11 +76,11 @@ class Intervals:
         high = np.where(identifiable, np.fmax(self.high, limits[:, 1]), np.fmin(space.high, limits[:, 1]))
         limits[identifiable] = np.nan
         covariance = np.where(hanging[:, None] | hanging, 0.0, self.covariance)
-        covariance[hanging, hanging] = np.square(LOST_SD * space.span[hanging])
+        covariance[hanging, hanging] = np.square(SETTINGS.lost_sd * space.span[hanging])
         return replace(
             self,
             covariance=covariance,
-            sd=np.where(hanging, LOST_SD * space.span, self.sd),
+            sd=np.where(hanging, SETTINGS.lost_sd * space.span, self.sd),
             low=low,
             high=high,
             identifiable=identifiable,
@@ -113,7 +119,9 @@ class Intervals:
     def _is_at_bound(x: float, sd: float) -> bool:
         """Whether a parameter is at the end of its range, at `x` in the unit cube, with its sd there."""
         distance = min(x, 1 - x)
-        return bool(distance < PARAMETERS.at_bound and distance <= CLEAR_OF_BOUND_SD * sd + ROUNDING)
+        return bool(
+            distance < PARAMETERS.at_bound and distance <= SETTINGS.clear_of_bound_sd * sd + SETTINGS.rounding
+        )
 
 
 def intervals(
@@ -142,7 +150,7 @@ def intervals(
         sd=sd_unit * space.span,
         low=np.maximum(np.minimum(middle - half, value), space.low),
         high=np.minimum(np.maximum(middle + half, value), space.high),
-        identifiable=sd_unit <= UNDETERMINED_SD,
+        identifiable=sd_unit <= SETTINGS.undetermined_sd,
         degrees=degrees,
     )
 
@@ -188,7 +196,7 @@ def _left_to_go(at: Linearization) -> np.ndarray:
 
     Not where the error is smooth and far from noise: there a descent ends early on purpose.
     """
-    if not at.evidence.rough and at.scatter > FAR:
+    if not at.evidence.rough and at.scatter > SETTINGS.far:
         return np.zeros((len(at.x),) * 2)
     step = at.whole_step
     return np.outer(step, step)
@@ -231,7 +239,7 @@ def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndar
 
 
 def _sandwich(hessian: np.ndarray, meat: np.ndarray, sensitivity: np.ndarray, floor: float) -> np.ndarray:
-    """A^-1 meat A^-1 over the directions in which A = hessian (p, p) has information; LOST_SD in the others.
+    """A^-1 meat A^-1 over the directions in which A = hessian (p, p) has information; `lost_sd` in the others.
 
     sensitivity (p,): what the diagonal of A would be without the starts, the scale of its error, of which an eigenvalue
     must exceed the share `floor`.
@@ -242,5 +250,5 @@ def _sandwich(hessian: np.ndarray, meat: np.ndarray, sensitivity: np.ndarray, fl
     directions = vectors / scale[:, None]
     inverse = (directions[:, known] / values[known]) @ directions[:, known].T
     lost = directions[:, ~known] / np.linalg.norm(directions[:, ~known], axis=0)
-    covariance = inverse @ meat @ inverse + LOST_SD**2 * lost @ lost.T
+    covariance = inverse @ meat @ inverse + SETTINGS.lost_sd**2 * lost @ lost.T
     return (covariance + covariance.T) / 2

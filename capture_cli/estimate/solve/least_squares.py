@@ -6,17 +6,25 @@ best of a random screening.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.estimate.solve._descent import Descent
 from capture_cli.estimate.solve.base import Best, Identifier
 from capture_cli.estimate.solve.linearization import Evidence, Linearization, Trial
 
-SCREENED_PER_PARAMETER = 8
-CONVERGED_GAIN = 3e-3  # decrease of the objective over k: a twentieth of a standard error
-HOPELESS = 2.0  # a descent whose error stays this many times the best known is given up
-PATIENCE = 5  # rounds before it is, where it does not even promise better
-LONG_PATIENCE = 15  # and where it does
+
+@dataclass(frozen=True)
+class LeastSquaresSettings:
+    screened_per_parameter: int = 8
+    converged_gain: float = 3e-3  # decrease of the objective over k: a twentieth of a standard error
+    hopeless: float = 2.0  # a descent whose error stays this many times the best known is given up
+    patience: int = 5  # rounds before it is, where it does not even promise better
+    long_patience: int = 15  # and where it does
+
+
+SETTINGS = LeastSquaresSettings()
 
 
 class LeastSquares(Identifier):
@@ -34,9 +42,9 @@ class LeastSquares(Identifier):
         self,
         evidence: Evidence,
         *,
-        tolerance: float = CONVERGED_GAIN,
+        tolerance: float = SETTINGS.converged_gain,
         to_beat: float = np.inf,
-        patience: int = PATIENCE,
+        patience: int = SETTINGS.patience,
         needed: float = np.inf,
         measured: bool = True,
         **options,
@@ -105,7 +113,7 @@ class LeastSquares(Identifier):
 
     def _screening_points(self) -> np.ndarray:
         """The start, the nominal values, and a Latin hypercube, (candidate, parameter) in the unit cube."""
-        size, count = len(self.space), SCREENED_PER_PARAMETER * len(self.space)
+        size, count = len(self.space), SETTINGS.screened_per_parameter * len(self.space)
         generator = np.random.default_rng(self.seed)
         strata = np.stack([generator.permutation(count) for _ in range(size)], axis=1)
         points = (strata + generator.random((count, size))) / count
@@ -129,8 +137,10 @@ class LeastSquares(Identifier):
         best = self.best
         possible = min(best.error, self.to_beat)
         for descent in self._active():
-            beaten = descent.rounds >= self.patience and descent.expected > HOPELESS * possible
-            beaten |= descent.rounds >= LONG_PATIENCE and descent.error > HOPELESS * possible
+            beaten = descent.rounds >= self.patience and descent.expected > SETTINGS.hopeless * possible
+            beaten |= (
+                descent.rounds >= SETTINGS.long_patience and descent.error > SETTINGS.hopeless * possible
+            )
             beaten |= not descent.would_reach(possible, self.rounds_left)
             beaten |= descent.falls_short_of(self.needed)
             descent.given_up |= beaten

@@ -23,14 +23,26 @@ import numpy as np
 from capture_cli.estimate.noise.autocorrelation import autocorrelation_time
 from capture_cli.model.parameters import ParameterSpace
 
-SHARPER = 0.1  # of the step of one-sided differences: central ones, of parameters that are confounded
-# Of the prior sd, within the limits below; the latter where bodies touch, and short differences are jumps
-START_STEP, ROUGH_START_STEP = 0.1, 1.0
-SHORTEST, LONGEST = 1e-6, 1e-2  # m, rad, m/s, rad/s; the longest is of the sd itself
-STANDS_OUT = 2.0  # times the squared error of the median window
-# Ranges: a parameter that is known to no better than this may show only by what finite differences are wrong by, which
-# would take it to the end of its range.
-UNSEEN = 10.0
+
+@dataclass(frozen=True)
+class LinearizationSettings:
+    # of the step of one-sided differences: central ones, of parameters that are confounded
+    sharper: float = 0.1
+    # Of the prior sd, within the limits below; the latter where bodies touch, and short differences are jumps
+    start_step: float = 0.1
+    rough_start_step: float = 1.0
+    # m, rad, m/s, rad/s; the longest is of the sd itself
+    shortest: float = 1e-6
+    longest: float = 1e-2
+    stands_out: float = 2.0  # times the squared error of the median window
+    # Ranges: a parameter that is known to no better than this may show only by what finite differences are
+    # wrong by, which would take it to the end of its range.
+    unseen: float = 10.0
+
+
+SETTINGS = LinearizationSettings()
+
+
 BY_WINDOW = ("offsets", "residual", "by_parameter", "by_start")  # arrays of a linearization, (window, ...)
 
 
@@ -53,7 +65,7 @@ class Evidence:
     noise_sd: np.ndarray
     start_sd: np.ndarray
     hidden_tried: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    start_step: float = START_STEP
+    start_step: float = SETTINGS.start_step
     movable: np.ndarray | None = None
     attitudes: Sequence[np.ndarray] = ()
 
@@ -69,7 +81,7 @@ class Evidence:
     @property
     def rough(self) -> bool:
         """Whether contacts make outputs jump, so that differences are long."""
-        return self.start_step == ROUGH_START_STEP
+        return self.start_step == SETTINGS.rough_start_step
 
     @property
     def count(self) -> int:
@@ -88,7 +100,7 @@ class Evidence:
         """The windows that a model with the residual (window, row) explains far worse than most that have samples."""
         count = self.mask.sum(axis=(1, 2))
         squares = np.square(residual).sum(axis=1) / np.maximum(count, 1)
-        return np.flatnonzero(squares > STANDS_OUT * np.median(squares[count > 0]))
+        return np.flatnonzero(squares > SETTINGS.stands_out * np.median(squares[count > 0]))
 
     def other_starts(
         self, offsets: np.ndarray, stuck: np.ndarray, drawn: np.ndarray | None = None
@@ -161,7 +173,9 @@ def parameter_steps(space: ParameterSpace, x: np.ndarray) -> np.ndarray:
 
 
 def _start_steps(evidence: Evidence) -> np.ndarray:
-    return np.maximum(evidence.start_step * np.minimum(evidence.start_sd, LONGEST), SHORTEST)
+    return np.maximum(
+        evidence.start_step * np.minimum(evidence.start_sd, SETTINGS.longest), SETTINGS.shortest
+    )
 
 
 @dataclass(frozen=True)
@@ -239,7 +253,7 @@ class Linearization:
 
     def _sides(self) -> tuple[np.ndarray, np.ndarray]:
         """Points (parameter, parameter) above and below x in one parameter each; x where that is beyond a bound."""
-        steps = np.diag(self.evidence.space.steps * (1.0 if self.evidence.rough else SHARPER))
+        steps = np.diag(self.evidence.space.steps * (1.0 if self.evidence.rough else SETTINGS.sharper))
         above, below = self.x + steps, self.x - steps
         return np.where(above > 1, self.x, above), np.where(below < 0, self.x, below)
 
@@ -302,7 +316,7 @@ class Linearization:
     @property
     def unseen(self) -> np.ndarray:
         """Which parameters show next to nothing here, (parameter,)."""
-        return np.square(self.by_parameter).sum(axis=(0, 1)) <= self.scatter / UNSEEN**2
+        return np.square(self.by_parameter).sum(axis=(0, 1)) <= self.scatter / SETTINGS.unseen**2
 
     @cached_property
     def scatter(self) -> float:
@@ -439,7 +453,7 @@ def held_step(
     hessian: np.ndarray, gradient: np.ndarray, k: float, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
     """As `box_step`, of an objective whose noise has the variance k; what shows next to nothing stays."""
-    return box_step(hessian + k / UNSEEN**2 * np.eye(len(gradient)), gradient, low, high)
+    return box_step(hessian + k / SETTINGS.unseen**2 * np.eye(len(gradient)), gradient, low, high)
 
 
 def box_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

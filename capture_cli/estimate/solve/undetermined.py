@@ -17,16 +17,26 @@ from functools import cached_property
 
 import numpy as np
 
-from capture_cli.estimate.solve.intervals import UNDETERMINED_SD, Intervals
+from capture_cli.estimate.solve.intervals import SETTINGS as INTERVALS
+from capture_cli.estimate.solve.intervals import Intervals
 from capture_cli.model.parameters import ParameterSpace
 
-CONFOUNDED = 0.99  # correlation beyond which two parameters are known together only
-MATTERS = 0.05  # of two values at least: what confounding leaves open; with less both are known well enough
-MOST = 0.5  # of a parameter's variance, that comes from what it is confounded with
-TOGETHER = 0.1  # of the projector: less is between parameters that have nothing to do with each other
-ALIKE = 0.1  # by which relative changes differ that are one factor
-ROUNDING = 1e-13  # of the largest eigenvalue
-SNAP = 1e-9  # of the range: nearer to a bound a value is at it
+
+@dataclass(frozen=True)
+class UndeterminedSettings:
+    confounded: float = 0.99  # correlation beyond which two parameters are known together only
+    # of two values at least: what confounding leaves open; with less both are known well enough
+    matters: float = 0.05
+    most: float = 0.5  # of a parameter's variance, that comes from what it is confounded with
+    # of the projector: less is between parameters that have nothing to do with each other
+    together: float = 0.1
+    alike: float = 0.1  # by which relative changes differ that are one factor
+    rounding: float = 1e-13  # of the largest eigenvalue
+    snap: float = 1e-9  # of the range: nearer to a bound a value is at it
+
+
+SETTINGS = UndeterminedSettings()
+
 
 NOTHING, RATIOS, PRODUCT, COMBINATION = "nothing", "ratios", "product", "combination"
 
@@ -87,7 +97,7 @@ def _confounded(found: Intervals, space: ParameterSpace, point: np.ndarray) -> I
         return
     scale = np.outer(found.sd[own], found.sd[own])
     projector, open_ = _open(found.covariance[np.ix_(own, own)] / scale)
-    members = np.flatnonzero(np.diag(open_) > MOST)
+    members = np.flatnonzero(np.diag(open_) > SETTINGS.most)
     for group in _joined(projector, members):
         if len(group) < 2:
             continue
@@ -108,11 +118,11 @@ def _bounds(found: Intervals, space: ParameterSpace) -> np.ndarray:
 def _open(correlation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The projector (p, p) on the directions that confounding leaves open, and what of the correlation is theirs."""
     values, vectors = np.linalg.eigh(correlation)
-    information = (vectors / np.maximum(values, ROUNDING * values[-1])) @ vectors.T
+    information = (vectors / np.maximum(values, SETTINGS.rounding * values[-1])) @ vectors.T
     alone = 1 / np.sqrt(np.diag(information))  # as each would be known by if the others were
     values, vectors = np.linalg.eigh(information * np.outer(alone, alone))
-    is_open = values < 1 - CONFOUNDED
-    values, vectors = np.maximum(values[is_open], ROUNDING), vectors[:, is_open]
+    is_open = values < 1 - SETTINGS.confounded
+    values, vectors = np.maximum(values[is_open], SETTINGS.rounding), vectors[:, is_open]
     moved = alone[:, None] * vectors
     return vectors @ vectors.T, (moved / values) @ moved.T
 
@@ -120,7 +130,7 @@ def _open(correlation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _joined(projector: np.ndarray, members: np.ndarray) -> list[np.ndarray]:
     """The `members` in groups of those that the projector joins, each in order."""
     size = np.sqrt(np.maximum(np.diag(projector), 0.0))
-    joined = np.abs(projector) > TOGETHER * np.outer(size, size)
+    joined = np.abs(projector) > SETTINGS.together * np.outer(size, size)
     groups, left = [], set(members.tolist())
     while left:
         group, front = set(), {min(left)}
@@ -150,8 +160,8 @@ class _Group:
     @property
     def matters(self) -> bool:
         """Whether what is open is more than any use of the parameters would notice."""
-        is_wide = float(np.linalg.norm(self.change)) > UNDETERMINED_SD
-        return is_wide or int((np.abs(self._moved) > MATTERS * np.abs(self._value)).sum()) > 1
+        is_wide = float(np.linalg.norm(self.change)) > INTERVALS.undetermined_sd
+        return is_wide or int((np.abs(self._moved) > SETTINGS.matters * np.abs(self._value)).sum()) > 1
 
     def told(self) -> Undetermined:
         if self.open > 1:
@@ -224,7 +234,7 @@ class _Group:
     def _bounded(self, ends: np.ndarray) -> np.ndarray:
         """The values `ends` (2, member), exactly at the bounds where they are at them but for rounding."""
         for bound in self.bounds:
-            ends = np.where(np.abs(ends - bound) < SNAP * self.space.span[self.which], bound, ends)
+            ends = np.where(np.abs(ends - bound) < SETTINGS.snap * self.space.span[self.which], bound, ends)
         return ends
 
     def _within(self, begin: np.ndarray, by: np.ndarray) -> tuple[float, float]:
@@ -237,4 +247,4 @@ class _Group:
 def _is_one(shares: np.ndarray) -> bool:
     """Whether shares (n,), whatever their signs, are one number but for what is not known of them."""
     sizes = np.abs(shares)
-    return bool(sizes.max() <= (1 + ALIKE) * sizes.min())
+    return bool(sizes.max() <= (1 + SETTINGS.alike) * sizes.min())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -12,8 +13,15 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Channel, Task
 
 DEGREES = 180 / np.pi
-LIKE_DEGREES = 0.1  # of that factor, is how near to it the one between two channels is
-ALIKE = 0.95  # correlation of two channels that show the same motion
+
+
+@dataclass(frozen=True)
+class DegreesSettings:
+    like_degrees: float = 0.1  # of that factor, is how near to it the one between two channels is
+    alike: float = 0.95  # correlation of two channels that show the same motion
+
+
+SETTINGS = DegreesSettings()
 
 
 class Degrees(Check):
@@ -36,7 +44,7 @@ class Degrees(Check):
             ]
             for name, how, reference in others:
                 likeness, factor = _likeness(angle, reference, log.episodes)
-                if likeness < -ALIKE:
+                if likeness < -SETTINGS.alike:
                     yield finding(
                         "warning",
                         f"output {c.name}",
@@ -44,8 +52,8 @@ class Degrees(Check):
                         "write a negative scale under the one that does, and import again",
                     )
                 if (
-                    abs(likeness) < ALIKE
-                    or min(abs(factor * DEGREES - 1), abs(factor / DEGREES - 1)) > LIKE_DEGREES
+                    abs(likeness) < SETTINGS.alike
+                    or min(abs(factor * DEGREES - 1), abs(factor / DEGREES - 1)) > SETTINGS.like_degrees
                 ):
                     continue
                 large, small = (f"output {c.name}", name) if factor > 1 else (name, f"output {c.name}")

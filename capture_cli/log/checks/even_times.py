@@ -8,12 +8,19 @@ import numpy as np
 
 from capture_cli.errors import LogError
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.white_noise import UNEVEN, from_differences
+from capture_cli.log.white_noise import SETTINGS as WHITE_NOISE
+from capture_cli.log.white_noise import from_differences
 
-FEWEST = 20  # steps of an episode whose interval can be told
-FOLLOWED = 0.05  # of what a stamp is off: how fast the even times follow the stamps
-MOST_OFF = 0.4  # intervals, sd: beyond, nobody knows which sample is which
-SMOOTHER = 0.8  # of the noise by differences at the stamps
+
+@dataclass(frozen=True)
+class EvenTimesSettings:
+    fewest: int = 20  # steps of an episode whose interval can be told
+    followed: float = 0.05  # of what a stamp is off: how fast the even times follow the stamps
+    most_off: float = 0.4  # intervals, sd: beyond, nobody knows which sample is which
+    smoother: float = 0.8  # of the noise by differences at the stamps
+
+
+SETTINGS = EvenTimesSettings()
 
 
 @dataclass(frozen=True)
@@ -28,7 +35,7 @@ class Scatter:
 
 def with_even_times(log: MeasuredLog) -> MeasuredLog:
     """The log with the times of each episode's samples at even intervals, lost ones left out; those of recordings that
-    are shorter than FEWEST steps as they are. `evened_times` of each recording says by how much stamps were off, s.
+    are shorter than `fewest` steps as they are. `evened_times` of each recording says by how much stamps were off, s.
 
     Raises LogError where no even times are near the stamps.
     """
@@ -39,7 +46,7 @@ def with_even_times(log: MeasuredLog) -> MeasuredLog:
             name = log.recording_names[number]
             raise LogError(
                 f"{log.path}: the times of {name!r} are not those of samples at even intervals, or off by more than "
-                f"{MOST_OFF:g} of one",
+                f"{SETTINGS.most_off:g} of one",
                 cure="leave --even-times out, and log the time at which each sample is measured",
             )
         off[number].append(log.time[episode] - even)
@@ -64,9 +71,9 @@ def scatter(log: MeasuredLog) -> Scatter | None:
             from_differences(series, [t[steps] for t, steps in zip(times, own, strict=True)])
             for times in ([log.time[e] for e in log.episodes], even)
         )
-        if there < SMOOTHER * here:
+        if there < SETTINGS.smoother * here:
             smoother[name] = [here, there]
-        elif here < SMOOTHER * there:
+        elif here < SETTINGS.smoother * there:
             return None
     off = np.concatenate([log.time[e] - times for e, times in zip(log.episodes, even, strict=True)])
     return Scatter(float(off.std()), smoother) if smoother else None
@@ -74,7 +81,9 @@ def scatter(log: MeasuredLog) -> Scatter | None:
 
 def _is_uneven(time: np.ndarray) -> bool:
     steps = np.diff(time)
-    return len(steps) > 0 and bool((steps > 0).all() and np.ptp(steps) > UNEVEN * np.median(steps))
+    return len(steps) > 0 and bool(
+        (steps > 0).all() and np.ptp(steps) > WHITE_NOISE.uneven * np.median(steps)
+    )
 
 
 def _even(time: np.ndarray) -> np.ndarray | None:
@@ -82,15 +91,15 @@ def _even(time: np.ndarray) -> np.ndarray | None:
 
     The line through the stamps where none was lost, or where those were that they jump over, whichever is nearer.
     """
-    if len(time) < FEWEST:
+    if len(time) < SETTINGS.fewest:
         return time
-    lag = FEWEST // 2
+    lag = SETTINGS.fewest // 2
     interval = float(np.median(time[lag:] - time[:-lag])) / lag
     if not interval > 0:
         return None
     lines = [_line(n, time) for n in (np.arange(len(time)), _followed(time, interval))]
     nearest = min(lines, key=lambda line: float((time - line).std()))
-    return nearest if (time - nearest).std() < MOST_OFF * interval else None
+    return nearest if (time - nearest).std() < SETTINGS.most_off * interval else None
 
 
 def _line(number: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -104,5 +113,5 @@ def _followed(time: np.ndarray, interval: float) -> np.ndarray:
         steps = max(round((stamp - even) / interval), 1)
         number[k] = number[k - 1] + steps
         even += steps * interval
-        even += FOLLOWED * (stamp - even)
+        even += SETTINGS.followed * (stamp - even)
     return number

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,12 +12,19 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.quantisation import distinct
 from capture_cli.model.tasks.base import Task
 
-FEWEST_RUNS = 20  # of equal values: fewer may be of one length by accident
-REGULAR = 0.9  # of the runs, at least, are nearly of one length: those of a coarse sensor follow the speed
-LEAST_RUN = 2  # a speed made of counts is 0 for some rows and something else in single ones
-SLACK = 0.1  # of that length, and a row at least, is what a clock of its own makes of a run
-ONE_STEP = 1.5  # steps: a change smaller than this is of one
-MOSTLY = 0.5  # of the changes
+
+@dataclass(frozen=True)
+class HeldOutputsSettings:
+    fewest_runs: int = 20  # of equal values: fewer may be of one length by accident
+    # of the runs, at least, are nearly of one length: those of a coarse sensor follow the speed
+    regular: float = 0.9
+    least_run: int = 2  # a speed made of counts is 0 for some rows and something else in single ones
+    slack: float = 0.1  # of that length, and a row at least, is what a clock of its own makes of a run
+    one_step: float = 1.5  # steps: a change smaller than this is of one
+    mostly: float = 0.5  # of the changes
+
+
+SETTINGS = HeldOutputsSettings()
 
 
 def rows_per_sample(values: np.ndarray, episodes: Sequence[slice]) -> float | None:
@@ -27,11 +34,11 @@ def rows_per_sample(values: np.ndarray, episodes: Sequence[slice]) -> float | No
     """
     columns = values.reshape(len(values), -1)
     runs = np.concatenate([np.diff(_changes(columns[e])) for e in episodes] or [np.empty(0, dtype=int)])
-    if len(runs) < FEWEST_RUNS:
+    if len(runs) < SETTINGS.fewest_runs:
         return None
     usual = float(np.median(runs))
-    regular = runs[(np.abs(runs - usual) <= max(1.0, SLACK * usual)) & (runs >= LEAST_RUN)]
-    if len(regular) < REGULAR * len(runs):
+    regular = runs[(np.abs(runs - usual) <= max(1.0, SETTINGS.slack * usual)) & (runs >= SETTINGS.least_run)]
+    if len(regular) < SETTINGS.regular * len(runs):
         return None
     if all(_moves_by_single_steps(column, episodes) for column in columns.T):
         return None
@@ -110,7 +117,7 @@ def _moves_by_single_steps(values: np.ndarray, episodes: Sequence[slice]) -> boo
     with np.errstate(invalid="ignore"):
         change = np.abs(np.concatenate([np.diff(values[e]) for e in episodes]))
     change = change[change > 0]
-    return bool(np.mean(change < ONE_STEP * step) > MOSTLY)
+    return bool(np.mean(change < SETTINGS.one_step * step) > SETTINGS.mostly)
 
 
 def _not_sparse(sensors: Sequence[str], log: MeasuredLog, task: Task) -> LogError:

@@ -6,6 +6,7 @@ Severities: "error", the log cannot be used as it is; "warning", results will su
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,18 +15,25 @@ from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.quantities import percent, with_unit
 from capture_cli.log.checks import in_order
 from capture_cli.log.checks.base import Finding, Inspected, finding
-from capture_cli.log.measured_log import FEWEST_OF_A_SPARSE, MeasuredLog
+from capture_cli.log.measured_log import SETTINGS as MEASURED_LOG
+from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.contacts import can_touch
 from capture_cli.model.tasks.base import Channel, Task
 from capture_cli.store.inspection import Inspection
 
-UNEVEN = 0.1  # sd of the interval, over its median
-SATURATED = 0.05  # share of the samples at exactly one extreme
-SEVERAL_VISITS = 3  # a channel that returns to exactly the same extreme is held there by something
-PILED_UP = 5.0  # times the share at the values next to an extreme: a quantised sine has 3
-MANY_LEVELS = 10  # fewer are a switched signal, which is at its extremes by design
-MOSTLY_AT_REST = 0.5
-EXAMPLES = 3
+
+@dataclass(frozen=True)
+class LogFindingsSettings:
+    uneven: float = 0.1  # sd of the interval, over its median
+    saturated: float = 0.05  # share of the samples at exactly one extreme
+    several_visits: int = 3  # a channel that returns to exactly the same extreme is held there by something
+    piled_up: float = 5.0  # times the share at the values next to an extreme: a quantised sine has 3
+    many_levels: int = 10  # fewer are a switched signal, which is at its extremes by design
+    mostly_at_rest: float = 0.5
+    examples: int = 3
+
+
+SETTINGS = LogFindingsSettings()
 
 
 def log_findings(seen: Inspection, task: Task | None = None) -> list[Finding]:
@@ -76,7 +84,7 @@ def _timing(episodes: Sequence[Mapping[str, Any]], scatter: Mapping[str, Any] | 
             f"{count} gap{'s' * (count > 1)} in the sampling: {examples}",
             "windows end at a gap, so nothing needs doing; look for lost messages if there are many",
         )
-    uneven = [e for e in episodes if e["jitter_sd"] is not None and e["jitter_sd"] > UNEVEN]
+    uneven = [e for e in episodes if e["jitter_sd"] is not None and e["jitter_sd"] > SETTINGS.uneven]
     if uneven and scatter is None:
         worst = max(uneven, key=lambda e: e["jitter_sd"])
         yield finding(
@@ -109,7 +117,7 @@ def _gather(episodes, key: str, describe) -> tuple[int, str, str]:
     """How many over all episodes, where, and the first few described."""
     having = [e for e in episodes if e[key]["count"]]
     count = sum(e[key]["count"] for e in having)
-    places = [describe(p) for e in having for p in e[key]["first"]][:EXAMPLES]
+    places = [describe(p) for e in having for p in e[key]["first"]][: SETTINGS.examples]
     where = _episode(having[0]) if len(having) == 1 else f"{len(having)} episodes"
     return count, where, _listed(places, count)
 
@@ -119,7 +127,7 @@ def _episode(episode: Mapping[str, Any]) -> str:
 
 
 def _listed(items: Iterable[Any], count: int) -> str:
-    items = [str(i) for i in items][:EXAMPLES]
+    items = [str(i) for i in items][: SETTINGS.examples]
     rest = count - len(items)
     return ", ".join(items) + (f" and {rest} more" if rest else "")
 
@@ -144,11 +152,12 @@ def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
             "import the files again with --drop-nan, or correct them in the source",
         )
     sampling = channel.get("sampling")
-    if sampling is not None and sampling["fewest"] < FEWEST_OF_A_SPARSE:
+    if sampling is not None and sampling["fewest"] < MEASURED_LOG.fewest_of_a_sparse:
         yield finding(
             "error",
             where,
-            f"is sparse, and an episode has {sampling['fewest']} samples of it; {FEWEST_OF_A_SPARSE} are needed",
+            f"is sparse, and an episode has {sampling['fewest']} samples of it; "
+            f"{MEASURED_LOG.fewest_of_a_sparse} are needed",
             "check its column; leave that episode out, record longer, or take the output out of the task.toml",
         )
     if channel["constant"]:
@@ -176,13 +185,17 @@ def _input(channel: Mapping[str, Any]) -> Iterator[Finding]:
     for extreme in _extremes(channel):
         if extreme["value"] != 0:
             yield finding(
-                "warning" if extreme["visits"] >= SEVERAL_VISITS else "note",
+                "warning" if extreme["visits"] >= SETTINGS.several_visits else "note",
                 where,
                 f"is at exactly {_in_unit(extreme['value'], channel, 6)} for {percent(extreme['share'])} "
                 f"of the samples, in {extreme['visits']} stays: saturated, or held?",
                 "nothing to do if this is what reached the actuator; if it is what was asked of it, log the former",
             )
-    if moves["at_rest"] is not None and moves["at_rest"] > MOSTLY_AT_REST and not channel["constant"]:
+    if (
+        moves["at_rest"] is not None
+        and moves["at_rest"] > SETTINGS.mostly_at_rest
+        and not channel["constant"]
+    ):
         yield finding(
             "note",
             where,
@@ -200,16 +213,20 @@ def _input(channel: Mapping[str, Any]) -> Iterator[Finding]:
 
 def _extremes(channel: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The ends of a channel's range at which it is suspiciously often."""
-    if channel["levels"] <= MANY_LEVELS:
+    if channel["levels"] <= SETTINGS.many_levels:
         return []
     ends = [channel["low"], channel["high"]]
-    return [e for e in ends if e["share"] > SATURATED and e["share"] > PILED_UP * e["neighbours"]]
+    return [
+        e
+        for e in ends
+        if e["share"] > SETTINGS.saturated and e["share"] > SETTINGS.piled_up * e["neighbours"]
+    ]
 
 
 def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
     where, grid = f"output {channel['name']}", channel["quantisation"]
     for extreme in _extremes(channel):
-        if extreme["visits"] >= SEVERAL_VISITS:
+        if extreme["visits"] >= SETTINGS.several_visits:
             yield finding(
                 "warning",
                 where,

@@ -3,29 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from capture_cli.log.quantisation import distinct, grid_step
-from capture_cli.log.windows import GAP_FACTOR
+from capture_cli.log.windows import SETTINGS as WINDOWS
 
-PLACES_LISTED = 5
-NEIGHBOURS = 3  # values next to an extreme
-AT_REST = 0.01  # of an input's largest value: less is rest
-BAND_EDGES = (0.0, 0.001, 0.01, 0.1, 1.0)  # of the Nyquist frequency
-LEAST_SPECTRUM = 16  # samples
-FEWEST_PERIODS = 6  # in an episode: of fewer nobody can tell whether they are one frequency or several
-# Of the power within two lines of the strongest: one frequency and little else. Of the changes, and of the signal,
-# as changes grow with the frequency, and a slow sine hardly shows in them.
-SINGLE_LINE, SINGLE_SIGNAL = 0.9, 0.98
-SPIKE = 20.0  # times what samples usually are off the line between their neighbours
-SPIKE_ALONE = 0.1  # of a spike, at most, is what its neighbours are off the line that leaves it out
-# Of samples at either end of an episode, where nothing shows that the curve goes on without it: times what the others
-# are off the line through the next two at most, and times the step between these, as a body that bounces goes back
-# twice that at most
-SPIKE_AT_END, BOUNCE = 3.0, 2.5
-FEWEST_BESIDE_END = 20  # samples that the end of an episode is compared with
+
+@dataclass(frozen=True)
+class LogHealthSettings:
+    places_listed: int = 5
+    neighbours: int = 3  # values next to an extreme
+    at_rest: float = 0.01  # of an input's largest value: less is rest
+    band_edges: tuple[float, ...] = (0.0, 0.001, 0.01, 0.1, 1.0)  # of the Nyquist frequency
+    least_spectrum: int = 16  # samples
+    # in an episode: of fewer nobody can tell whether they are one frequency or several
+    fewest_periods: int = 6
+    # Of the power within two lines of the strongest: one frequency and little else. Of the changes, and of
+    # the signal, as changes grow with the frequency, and a slow sine hardly shows in them.
+    single_line: float = 0.9
+    single_signal: float = 0.98
+    spike: float = 20.0  # times what samples usually are off the line between their neighbours
+    # of a spike, at most, is what its neighbours are off the line that leaves it out
+    spike_alone: float = 0.1
+    # Of samples at either end of an episode, where nothing shows that the curve goes on without it: times
+    # what the others are off the line through the next two at most, and times the step between these, as a
+    # body that bounces goes back twice that at most
+    spike_at_end: float = 3.0
+    bounce: float = 2.5
+    fewest_beside_end: int = 20  # samples that the end of an episode is compared with
+
+
+SETTINGS = LogHealthSettings()
 
 
 def timing(time: np.ndarray, usual: float | None = None) -> dict[str, Any]:
@@ -42,8 +53,8 @@ def timing(time: np.ndarray, usual: float | None = None) -> dict[str, Any]:
         ahead = time[1:] - np.fmax.accumulate(time)[:-1]
         median = float(np.median(ahead[ahead > 0])) if np.any(ahead > 0) else np.inf
         median = median if usual is None else usual
-        forward = ahead[(ahead > 0) & (ahead <= GAP_FACTOR * median)]
-        gaps = np.flatnonzero(ahead > GAP_FACTOR * median)
+        forward = ahead[(ahead > 0) & (ahead <= WINDOWS.gap_factor * median)]
+        gaps = np.flatnonzero(ahead > WINDOWS.gap_factor * median)
         repeated, backward = np.flatnonzero(interval == 0), np.flatnonzero(interval < 0)
     finite = time[np.isfinite(time)]
     even = forward.size and usual is None
@@ -81,7 +92,7 @@ def channel(values: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
         "levels": len(levels),
         "nan": int(np.isnan(values).sum()),
         "infinite": int(np.isinf(values).sum()),
-        "bad_steps": bad[:PLACES_LISTED].tolist(),
+        "bad_steps": bad[: SETTINGS.places_listed].tolist(),
         "constant": len(levels) == 1,
         "constant_episodes": still,
     }
@@ -127,7 +138,7 @@ def spikes(
     return {
         "count": len(steps),
         "largest": max(sizes, default=None),
-        "first": steps[:PLACES_LISTED],
+        "first": steps[: SETTINGS.places_listed],
         "ends": at_ends,
     }
 
@@ -145,8 +156,8 @@ def _inside(values: np.ndarray, time: np.ndarray, episode: slice) -> list[tuple[
         )
         beside = np.maximum(np.abs(before), np.abs(after))
         forward = np.all([time[inside + k + 1] > time[inside + k] for k in (-2, -1, 0, 1)], axis=0)
-        far = np.isfinite(off) & (np.abs(off) > SPIKE * _usual(off))
-        out = forward & far & (beside < SPIKE_ALONE * np.abs(off))
+        far = np.isfinite(off) & (np.abs(off) > SETTINGS.spike * _usual(off))
+        out = forward & far & (beside < SETTINGS.spike_alone * np.abs(off))
     return list(zip(inside[out].tolist(), np.abs(off[out]).tolist(), strict=True))
 
 
@@ -164,17 +175,22 @@ def _at_ends(
             continue
         others = inside[~np.isin(inside[:, None] + way * np.arange(3), broken).any(axis=1)]
         near = np.abs(np.diff(time[end : end + 4 * way : way]))
-        if len(others) < FEWEST_BESIDE_END or not 0 < near.max() < 2 * np.median(np.diff(time[episode])):
+        if len(others) < SETTINGS.fewest_beside_end or not 0 < near.max() < 2 * np.median(
+            np.diff(time[episode])
+        ):
             continue  # over a gap no line is known to go on
         with np.errstate(invalid="ignore", divide="ignore"):
             off = _off_line(values, time, others, way, 2 * way)
             last, next_ = np.abs(_off_line(values, time, np.array([end, end + way]), way, 2 * way))
             without_next = abs(_off_line(values, time, np.array([end]), 2 * way, 3 * way)[0])
             steps = np.abs(np.diff(values[[end + way, end + 2 * way, end + 3 * way]]))
-        most = max(SPIKE * _usual(off), SPIKE_AT_END * np.abs(off[np.isfinite(off)]).max(initial=0.0))
-        if next_ > max(most, BOUNCE * steps[1]) and without_next < SPIKE_ALONE * next_:
+        most = max(
+            SETTINGS.spike * _usual(off),
+            SETTINGS.spike_at_end * np.abs(off[np.isfinite(off)]).max(initial=0.0),
+        )
+        if next_ > max(most, SETTINGS.bounce * steps[1]) and without_next < SETTINGS.spike_alone * next_:
             found.append((end + way, float(next_)))
-        elif last > max(most, BOUNCE * steps[0]):
+        elif last > max(most, SETTINGS.bounce * steps[0]):
             found.append((end, float(last)))
     return found
 
@@ -199,7 +215,7 @@ def excitation(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) 
     of the signal and of its changes is, None where they are at several.
     """
     finite = values[np.isfinite(values)]
-    rest = np.mean(np.abs(finite) <= AT_REST * np.abs(finite).max()) if finite.size else None
+    rest = np.mean(np.abs(finite) <= SETTINGS.at_rest * np.abs(finite).max()) if finite.size else None
     spectra = [s for s in (_spectrum(values[e], time[e]) for e in episodes) if s is not None]
     return {"at_rest": _number(rest), **_distribution(spectra), "single_frequency": _single(spectra)}
 
@@ -211,7 +227,7 @@ def _places(steps: np.ndarray, time: np.ndarray, interval: np.ndarray) -> dict[s
         "longest": _number(np.abs(interval[steps]).max()) if len(steps) else None,
         "first": [
             {"step": int(i), "time": float(time[i]), "interval": float(interval[i])}
-            for i in steps[:PLACES_LISTED]
+            for i in steps[: SETTINGS.places_listed]
         ],
     }
 
@@ -224,7 +240,7 @@ def _extreme(values: np.ndarray, value: float, others: np.ndarray) -> dict[str, 
         "value": float(value),
         "share": float(there.mean()),
         "visits": visits,
-        "neighbours": float(others[:NEIGHBOURS].mean() / len(values)) if others.size else 0.0,
+        "neighbours": float(others[: SETTINGS.neighbours].mean() / len(values)) if others.size else 0.0,
     }
 
 
@@ -235,7 +251,7 @@ def _spectrum(values: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndar
     if len(time):
         ahead = time > np.concatenate([[-np.inf], np.maximum.accumulate(time)[:-1]])
         values, time = values[ahead], time[ahead]
-    if len(time) < LEAST_SPECTRUM or np.ptp(values) == 0:
+    if len(time) < SETTINGS.least_spectrum or np.ptp(values) == 0:
         return None
     grid = np.linspace(time[0], time[-1], len(time))
     even = np.interp(grid, time, values)
@@ -255,7 +271,7 @@ def _distribution(spectra) -> dict[str, Any]:
     order = np.argsort(frequency)
     frequency, total = frequency[order], np.cumsum(power[order])
     below = total / total[-1]
-    edges = frequency[-1] * np.array(BAND_EDGES)
+    edges = frequency[-1] * np.array(SETTINGS.band_edges)
     at_edges = np.concatenate([[0.0], below])[np.searchsorted(frequency, edges, side="right")]
     return {
         "bands": [
@@ -272,12 +288,12 @@ def _single(spectra) -> float | None:
     found = []
     for frequency, power, changes in spectra:
         peak = int(np.argmax(changes))
-        if peak < FEWEST_PERIODS or len(changes) < 16:
+        if peak < SETTINGS.fewest_periods or len(changes) < 16:
             return None
         line = slice(peak - 2, peak + 3)
         if (
-            changes[line].sum() < SINGLE_LINE * changes.sum()
-            or power[line].sum() < SINGLE_SIGNAL * power.sum()
+            changes[line].sum() < SETTINGS.single_line * changes.sum()
+            or power[line].sum() < SETTINGS.single_signal * power.sum()
         ):
             return None
         found.append((float(frequency[peak]), float(frequency[0])))

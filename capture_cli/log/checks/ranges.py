@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
 from capture_cli.common.quantities import percent
 from capture_cli.log.checks.base import Check, finding
 
-RANGE_SLACK = 0.05  # of a joint's range
-ROUNDED = 1e-6  # of an actuator's range: numbers in files are rounded
+
+@dataclass(frozen=True)
+class RangesSettings:
+    range_slack: float = 0.05  # of a joint's range
+    rounded: float = 1e-6  # of an actuator's range: numbers in files are rounded
+
+
+SETTINGS = RangesSettings()
 
 
 class Ranges(Check):
@@ -21,7 +29,7 @@ class Ranges(Check):
         for k, c in enumerate(task.inputs):
             if model.actuator_ctrllimited[c.index]:
                 share, low, high = _outside(
-                    log.inputs[:, k], model.actuator_ctrlrange[c.index], slack=ROUNDED
+                    log.inputs[:, k], model.actuator_ctrlrange[c.index], slack=SETTINGS.rounded
                 )
                 if share:
                     yield finding(
@@ -36,7 +44,7 @@ class Ranges(Check):
             is_position = model.sensor_type[c.sensor] == mujoco.mjtSensor.mjSENS_JOINTPOS
             if is_position and model.jnt_limited[joint]:
                 share, low, high = _outside(
-                    log.outputs[sampled[:, k], k], model.jnt_range[joint], slack=RANGE_SLACK
+                    log.outputs[sampled[:, k], k], model.jnt_range[joint], slack=SETTINGS.range_slack
                 )
                 if share:
                     yield finding(

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
 from capture_cli.log.checks.base import Check, finding
 
-TURN_SLACK = 1.0  # rad that a hinge moves between two samples, beside a jump by a turn
+
+@dataclass(frozen=True)
+class WholeTurnsSettings:
+    turn_slack: float = 1.0  # rad that a hinge moves between two samples, beside a jump by a turn
+
+
+SETTINGS = WholeTurnsSettings()
 
 
 class WholeTurns(Check):
@@ -26,8 +34,8 @@ class WholeTurns(Check):
             together = episode[own[1:]] == episode[own[:-1]]
             with np.errstate(invalid="ignore"):
                 steps = np.abs(np.diff(log.outputs[own, k]))[together]
-                jumps = np.abs(steps - 2 * np.pi) < TURN_SLACK
-            if jumps.any() and np.median(steps) < TURN_SLACK:
+                jumps = np.abs(steps - 2 * np.pi) < SETTINGS.turn_slack
+            if jumps.any() and np.median(steps) < SETTINGS.turn_slack:
                 count = int(jumps.sum())
                 yield finding(
                     "warning",

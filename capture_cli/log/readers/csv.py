@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 
@@ -15,11 +16,20 @@ from capture_cli.log.readers._decimal_commas import NUMBER, WHOLE
 from capture_cli.log.readers.base import COMMENTS, DECIMAL_COMMAS, QUOTE, SourceFile, texts_of
 
 DELIMITERS = ",;\t"
-LONGEST_LINE = 2**20  # characters: a thousand columns take a hundredth
-TAIL = 2**16  # bytes at the end of a file, in which its last line is compared with those before
-FEWEST_ABOVE = 10  # lines that the last one is compared with
-FIRST_ROWS = 1000  # lines of a file that are looked at to see whether all are alike
-csv.field_size_limit(LONGEST_LINE)
+
+
+@dataclass(frozen=True)
+class CsvSettings:
+    longest_line: int = 2**20  # characters: a thousand columns take a hundredth
+    tail: int = 2**16  # bytes at the end of a file, in which its last line is compared with those before
+    fewest_above: int = 10  # lines that the last one is compared with
+    first_rows: int = 1000  # lines of a file that are looked at to see whether all are alike
+
+
+SETTINGS = CsvSettings()
+
+
+csv.field_size_limit(SETTINGS.longest_line)
 _SEPARATOR = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)  # a first line for Excel, not of the data
 
 
@@ -41,8 +51,8 @@ class CsvFile(SourceFile):
         comment, self.comments = None, 0
         try:
             with self.path.open(encoding="utf-8-sig") as file:
-                for number, line in enumerate(iter(partial(file.readline, LONGEST_LINE), "")):
-                    if len(line) == LONGEST_LINE:
+                for number, line in enumerate(iter(partial(file.readline, SETTINGS.longest_line), "")):
+                    if len(line) == SETTINGS.longest_line:
                         raise self._long_line(f"line {number + 1}")
                     if not line.strip() or _SEPARATOR.fullmatch(line):
                         continue
@@ -66,7 +76,7 @@ class CsvFile(SourceFile):
 
     def _long_line(self, where: str) -> LogError:
         return LogError(
-            f"{self.path}: {where} has {LONGEST_LINE} characters or more",
+            f"{self.path}: {where} has {SETTINGS.longest_line} characters or more",
             cure="end its lines by line breaks, and its columns by commas, semicolons or tabs",
         )
 
@@ -95,7 +105,9 @@ class CsvFile(SourceFile):
 
     def times(self, name):
         with self.path.open(encoding="utf-8-sig", errors="replace") as file:
-            lines = islice(iter(partial(file.readline, LONGEST_LINE), ""), self._header_line + 1, None)
+            lines = islice(
+                iter(partial(file.readline, SETTINGS.longest_line), ""), self._header_line + 1, None
+            )
             row = next((line for line in lines if line.strip()), "")
         cells = next(csv.reader([row], delimiter=self.delimiter), [])[self.columns.index(name) :]
         if cells and NUMBER.fullmatch(cells[0].strip()):
@@ -116,7 +128,7 @@ class CsvFile(SourceFile):
                 read_options=arrow.ReadOptions(
                     column_names=[str(i) for i in range(len(self.columns))],
                     skip_rows=self._header_line + 1,
-                    block_size=LONGEST_LINE,
+                    block_size=SETTINGS.longest_line,
                     use_threads=False,
                 ),
                 parse_options=arrow.ParseOptions(
@@ -167,17 +179,17 @@ class CsvFile(SourceFile):
     def _all_have(self, values: int) -> bool:
         """Whether each of the first rows has so many values."""
         with self.path.open(encoding="utf-8-sig", errors="replace") as file:
-            rows = [line for line in islice(file, self._header_line + 1, FIRST_ROWS) if line.strip()]
+            rows = [line for line in islice(file, self._header_line + 1, SETTINGS.first_rows) if line.strip()]
         return all(line.count(self.delimiter) == values - 1 for line in rows)
 
     def cut_off(self):
         """No line break follows it, and it has fewer decimals than all above it that are near."""
         with self.path.open("rb") as file:
-            file.seek(max(0, self.path.stat().st_size - TAIL))
+            file.seek(max(0, self.path.stat().st_size - SETTINGS.tail))
             tail = file.read().decode("utf-8", errors="replace")
         # but for the first, which may be a part, or the header
         lines = [line for line in tail.splitlines()[1:] if line.strip()]
-        if tail.endswith(("\n", "\r")) or len(lines) <= FEWEST_ABOVE:
+        if tail.endswith(("\n", "\r")) or len(lines) <= SETTINGS.fewest_above:
             return None
         values = [row[-1].strip() for row in csv.reader(lines, delimiter=self.delimiter)]
         *above, last = [len(re.sub(r"^[^.,]*[.,]?", "", value)) for value in values]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.log.windows import LEAD
+from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect
 from capture_cli.model.parameters import Parameter
 
@@ -62,7 +62,7 @@ class ControlSecondOrderLag(ControlTimeEffect):
     kernel = SecondOrderLag
     remembers = (
         f"{SETTINGS.forgotten:g} time constants of its slower pole, which is `time_constant` / `damping_ratio` where "
-        f"the latter is 1 or less; {LEAD:g} s at most"
+        f"the latter is 1 or less; {WINDOWS.lead:g} s at most"
     )
 
     @property
@@ -75,4 +75,4 @@ class ControlSecondOrderLag(ControlTimeEffect):
     def memory(self, values):
         time_constant, damping_ratio = values.T
         slowest = damping_ratio - np.sqrt(np.maximum(damping_ratio**2 - 1, 0))
-        return min(SETTINGS.forgotten * float((time_constant / slowest).max()), LEAD)
+        return min(SETTINGS.forgotten * float((time_constant / slowest).max()), WINDOWS.lead)

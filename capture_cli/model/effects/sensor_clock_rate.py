@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from capture_cli.log.windows import LEAD, MOST_DRIFT
+from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._clock import off_clock, on_time
 from capture_cli.model.effects._sensor_effect import TimeEffect
 from capture_cli.model.effects.base import GLOBAL
@@ -26,8 +26,8 @@ class SensorClockRate(TimeEffect):
 
     @property
     def parameters(self):
-        # a window has inputs of LEAD around it: what moves it farther away cannot be simulated
-        most = min(MOST_DRIFT, LEAD / self.longest) if self.longest else MOST_DRIFT
+        # a window has inputs of lead around it: what moves it farther away cannot be simulated
+        most = min(WINDOWS.most_drift, WINDOWS.lead / self.longest) if self.longest else WINDOWS.most_drift
         return (Parameter("error", "1", -most, most, 0.0),)
 
     def drift(self, values, elapsed):

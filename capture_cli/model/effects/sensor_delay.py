@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.log.reported_motion import MOST_LATE
+from capture_cli.log.reported_motion import SETTINGS as REPORTED_MOTION
 from capture_cli.log.windows import at_times
 from capture_cli.model.effects._actuator_effect import (
     CONTROL_BEFORE,
@@ -44,7 +44,7 @@ class SensorDelay(TimeEffect):
 
     @property
     def parameters(self):
-        return (Parameter("delay", "s", 0.0, MOST_LATE, 0.0),)
+        return (Parameter("delay", "s", 0.0, REPORTED_MOTION.most_late, 0.0),)
 
     def lateness(self, values, elapsed=0.0):
         late = np.zeros((len(values), self.model.nsensordata))

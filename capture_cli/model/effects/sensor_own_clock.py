@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.log.reported_motion import MOST_LATE
-from capture_cli.log.windows import MOST_DRIFT
+from capture_cli.log.reported_motion import SETTINGS as REPORTED_MOTION
+from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._clock import off_clock, on_time
 from capture_cli.model.effects._places import site_id
 from capture_cli.model.effects._sensor_effect import SensorEffect, columns_of, columns_source, devices
@@ -49,8 +49,12 @@ class SensorOwnClock(SensorEffect):
 
     @property
     def parameters(self):
-        # what is later than MOST_LATE cannot be simulated
-        most = min(MOST_DRIFT, MOST_LATE / self.longest) if self.longest else MOST_DRIFT
+        # what is later than most_late cannot be simulated
+        most = (
+            min(WINDOWS.most_drift, REPORTED_MOTION.most_late / self.longest)
+            if self.longest
+            else WINDOWS.most_drift
+        )
         return (Parameter("error", "1", -most, most, 0.0),)
 
     def measure(self, sensors, values, timestep, *, elapsed=0.0, **_):

@@ -8,7 +8,8 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
-from capture_cli.log.turning_points import REMEMBERED, WaysBefore
+from capture_cli.log.turning_points import SETTINGS as TURNING_POINTS
+from capture_cli.log.turning_points import WaysBefore
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._followed_log import measured_stretches
 from capture_cli.model.effects._joint_force import ForceOfKernel
@@ -204,7 +205,7 @@ class ServoIntegral(FollowedForce):
         common = np.maximum(self._common, self._holding(np.maximum(ki, SETTINGS.tiny)))
         begin = np.clip(np.minimum(common, limit) * begun, -limit, limit)
         term = IntegralTerm(ki=np.zeros(len(limit)), limit=limit, timestep=0.0, integral=begin)
-        ways = np.zeros((len(first), 1 + REMEMBERED))
+        ways = np.zeros((len(first), 1 + TURNING_POINTS.remembered))
         for gear in np.unique(gears):
             ways[gears == gear] = self._ways(first[gears == gear], timestep, float(gear))
         for way in ways.T:

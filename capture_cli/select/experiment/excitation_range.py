@@ -18,9 +18,18 @@ from capture_cli.model.object_names import object_name
 from capture_cli.model.quaternion_signs import is_quaternion
 from capture_cli.model.tasks.base import Task
 
-MARGIN = 0.5  # of the span that the log shows: what is no further beyond either end of it is near
-NOISE = 3.0  # sd, on top of that: of an output that stood still
-STOP_GIVES = 0.02  # of a joint's range: stops are springs, and what leans on one is a little beyond it
+
+@dataclass(frozen=True)
+class ExcitationRangeSettings:
+    margin: float = 0.5  # of the span that the log shows: what is no further beyond either end of it is near
+    noise: float = 3.0  # sd, on top of that: of an output that stood still
+    # of a joint's range: stops are springs, and what leans on one is a little beyond it
+    stop_gives: float = 0.02
+
+
+SETTINGS = ExcitationRangeSettings()
+
+
 _S, _J = mujoco.mjtSensor, mujoco.mjtJoint
 _VELOCITY = {
     _S.mjSENS_JOINTPOS: _S.mjSENS_JOINTVEL,
@@ -119,7 +128,7 @@ class ExcitationRange:
                 continue
             log[k] = own.min(), own.max()
             if not is_quaternion(task.model, channel.sensor):
-                near[k] = _widened(log[k], NOISE * noise_sd[k])
+                near[k] = _widened(log[k], SETTINGS.noise * noise_sd[k])
         for number, k in enumerate(told.rates, start=count):
             rate = _rates(time, window, measured[:, k], simulated[:, k], near[k])
             if rate.size:
@@ -127,7 +136,7 @@ class ExcitationRange:
                 near[number] = _widened(log[number], 0.0)
         for number, j in enumerate(told.joints, start=count + len(told.rates)):
             low, high = task.model.jnt_range[j]
-            near[number] = np.array([low, high]) + STOP_GIVES * (high - low) * np.array([-1, 1])
+            near[number] = np.array([low, high]) + SETTINGS.stop_gives * (high - low) * np.array([-1, 1])
         return cls(task, log, near)
 
     @classmethod
@@ -209,8 +218,8 @@ _NONE = np.array([-np.inf, np.inf])
 
 
 def _widened(shown: np.ndarray, more: float) -> np.ndarray:
-    """`shown` (2,), by MARGIN of its span and `more` to either side."""
-    return shown + (MARGIN * (shown[1] - shown[0]) + more) * np.array([-1, 1])
+    """`shown` (2,), by `margin` of its span and `more` to either side."""
+    return shown + (SETTINGS.margin * (shown[1] - shown[0]) + more) * np.array([-1, 1])
 
 
 def _rates(

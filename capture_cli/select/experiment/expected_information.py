@@ -17,7 +17,13 @@ from capture_cli.estimate.solve.linearization import Linearization, Trial, colum
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.simulate.simulator import Simulator
 
-LARGEST_STEP = 0.3  # of the range: how far from the estimate it is looked, where more is open
+
+@dataclass(frozen=True)
+class ExpectedInformationSettings:
+    largest_step: float = 0.3  # of the range: how far from the estimate it is looked, where more is open
+
+
+SETTINGS = ExpectedInformationSettings()
 
 
 @dataclass(frozen=True)
@@ -37,7 +43,7 @@ class Axes:
         values, directions = np.linalg.eigh(covariance / np.outer(space.span, space.span))
         sd = np.sqrt(np.maximum(values, 0.0))
         shortest = np.sqrt(np.square(directions.T) @ np.square(space.steps))
-        return cls(directions, sd, np.clip(sd, shortest, LARGEST_STEP))
+        return cls(directions, sd, np.clip(sd, shortest, SETTINGS.largest_step))
 
     def points(self, x: np.ndarray) -> np.ndarray:
         """x (parameter,), then the points a step up from it, then those a step down, in the unit cube (point, p).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -18,12 +18,20 @@ from capture_cli.select.experiment.excitation_range import ExcitationRange, Pred
 from capture_cli.simulate.multisine import multisine_sequence
 from capture_cli.simulate.simulator import Simulator
 
-BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
+
+@dataclass(frozen=True)
+class NextExperimentSettings:
+    bands: tuple[tuple[float, ...], ...] = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
+    duration: float = 3.0  # s
+    rate: float = 250.0  # Hz
+    enough: float = 3.0  # times the noise floor: a difference that a test will see
+    chance: float = 2.0  # sd, over all samples together: of a smaller difference no test is sure
+
+
+SETTINGS = NextExperimentSettings()
+
+
 SHARES = tuple(0.5**k for k in range(8))  # of the largest input in the log
-DURATION = 3.0  # s
-RATE = 250.0  # Hz
-ENOUGH = 3.0  # times the noise floor: a difference that a test will see
-CHANCE = 2.0  # sd, over all samples together: of a smaller difference no test is sure
 
 
 def next_experiment(
@@ -40,8 +48,13 @@ def next_experiment(
     if not task.inputs or not others or not peaks.any():
         return None
     menu = [
-        {"band_hz": list(band), "peaks": (share * peaks).tolist(), "duration_s": DURATION, "seed": seed}
-        for band, share in product(BANDS, SHARES)
+        {
+            "band_hz": list(band),
+            "peaks": (share * peaks).tolist(),
+            "duration_s": SETTINGS.duration,
+            "seed": seed,
+        }
+        for band, share in product(SETTINGS.bands, SHARES)
     ]
     tapes = [experiment_tape(task, asked)[1] for asked in menu]
     windows = driven_windows(task, experiment_times(task), np.stack(tapes))
@@ -56,7 +69,7 @@ def next_experiment(
     found = {
         k: {**menu[k], "separation": float(separation[k]), **shown.judged(predicted, k)} for k in (near, most)
     }
-    farther_tells = found[near]["separation"] <= ENOUGH < found[most]["separation"]
+    farther_tells = found[near]["separation"] <= SETTINGS.enough < found[most]["separation"]
     where = shown.where_to(predicted, near, "none that was tried stays")
     text = _text(task, mine, others, found[near], where, farther_tells=farther_tells)
     if most == near:
@@ -74,9 +87,9 @@ def experiment_tape(task: Task, asked: Mapping[str, Any]) -> tuple[np.ndarray, n
     return time, multisine_sequence(task, time, peaks, band, generator, at_rest=True)
 
 
-def experiment_times(task: Task, duration: float = DURATION) -> np.ndarray:
+def experiment_times(task: Task, duration: float = SETTINGS.duration) -> np.ndarray:
     """When an experiment of `duration` s has samples, s, (step,): no closer together than the task's steps."""
-    interval = max(task.timestep, 1 / RATE)
+    interval = max(task.timestep, 1 / SETTINGS.rate)
     return interval * np.arange(int(duration / interval) + 1)
 
 
@@ -140,7 +153,7 @@ def _text(
     farther_tells: bool = False,
 ) -> str:
     """where: it takes the machine. farther_tells: whether one that takes it farther would do what this one does not."""
-    least = CHANCE / np.sqrt(len(experiment_times(task)) * len(task.outputs))
+    least = SETTINGS.chance / np.sqrt(len(experiment_times(task)) * len(task.outputs))
     peaks = ", ".join(f"{c.name} {p:.3g} {c.unit}" for c, p in zip(task.inputs, asked["peaks"], strict=True))
     own = {e.name for e in mine.effects}
     rivals = ", ".join(sorted({e.name for o in others for e in o.effects} - own))
@@ -152,10 +165,10 @@ def _text(
         return f"nothing that was tried tells it from {rivals}: here they may be one and the same"
     separate = (
         f"they would differ by {asked['separation']:.2g} times the noise floor"
-        if asked["separation"] > ENOUGH
+        if asked["separation"] > SETTINGS.enough
         else f"even so they would differ by no more than {asked['separation']:.2g} times the noise floor{farther}"
     )
     return (
-        f"to tell it from {rivals}: drive from rest for {DURATION:g} s with a multisine of "
+        f"to tell it from {rivals}: drive from rest for {SETTINGS.duration:g} s with a multisine of "
         f"{low:g} to {high:g} Hz that peaks at {peaks}; {where}; {separate}"
     )

@@ -11,7 +11,8 @@ import numpy as np
 from capture_cli.common.progress import Progress
 from capture_cli.common.quantities import significant
 from capture_cli.context.identifiers.base import Rounds
-from capture_cli.estimate.fit import TOLERANCE, Fit
+from capture_cli.estimate.fit import SETTINGS as FIT
+from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.held_out import held_out
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_of_fit
 from capture_cli.estimate.noise.time_stamp_jitter import time_stamp_jitter
@@ -20,7 +21,7 @@ from capture_cli.estimate.prediction import Predicted, PredictingModel, predicti
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Trial
 from capture_cli.estimate.solve.intervals import Intervals, intervals
-from capture_cli.estimate.solve.least_squares import CONVERGED_GAIN
+from capture_cli.estimate.solve.least_squares import SETTINGS as LEAST_SQUARES
 from capture_cli.estimate.time_step import shorter_step
 from capture_cli.model.coordinate_sources import unmeasured_joints
 from capture_cli.model.effects.ranges import effect_rows
@@ -105,8 +106,8 @@ class Report:
     def _start_tolerance(self, lacking: bool) -> float:
         """The tolerance of held-out starts, of the objective over k: they are as exact as the fit was."""
         if self.result.in_context is None:
-            return CONVERGED_GAIN
-        return SETTINGS.rough if lacking and not self.result.elsewhere else TOLERANCE
+            return LEAST_SQUARES.converged_gain
+        return SETTINGS.rough if lacking and not self.result.elsewhere else FIT.tolerance
 
     def _curves(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Simulated at the estimate and at the nominal values, (window, step, output); whether it diverged at the
@@ -146,7 +147,7 @@ class Report:
                 self.best.parameters,
                 offsets=self.result.at.offsets[which],
                 rounds=12,
-                tolerance=CONVERGED_GAIN,
+                tolerance=LEAST_SQUARES.converged_gain,
                 seed=self.seed,
             )
             if own is None:
@@ -168,7 +169,7 @@ class Report:
         starts of its own.
         """
         k, together = own.at.scatter, replace(own, point=self.best.parameters)
-        there = self.fits.starts_at(part, together, CONVERGED_GAIN, own.offsets)
+        there = self.fits.starts_at(part, together, LEAST_SQUARES.converged_gain, own.offsets)
         return float((there.objectives(k) - own.at.objectives(k)).sum() / k)
 
     # --- what is written ---

@@ -11,13 +11,16 @@ from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.common.progress import Progress
 from capture_cli.context.identifiers.base import finite
 from capture_cli.estimate.difference_step import difference_step, hits_something
-from capture_cli.estimate.escape import WAYS_OUT, way_out
-from capture_cli.estimate.fit import AS_GOOD, TOLERANCE, Fit
+from capture_cli.estimate.escape import SETTINGS as ESCAPE
+from capture_cli.estimate.escape import way_out
+from capture_cli.estimate.fit import SETTINGS as FIT
+from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.initial_states.of_windows import as_acted
 from capture_cli.estimate.limits import profiled
 from capture_cli.estimate.log_requirements import all_diverged
 from capture_cli.estimate.model_fits import ModelFits
-from capture_cli.estimate.noise.lack_of_fit import PRACTICAL, lack_of_fit
+from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
+from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve._profile import Profile
@@ -256,8 +259,8 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
     fits, part = found.fits, found.part
     if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.offsets):
         return found
-    for number in range(WAYS_OUT):
-        what = f"way out {number + 1} of at most {WAYS_OUT}"
+    for number in range(ESCAPE.ways_out):
+        what = f"way out {number + 1} of at most {ESCAPE.ways_out}"
         progress.doing(f"{what}, looking for it")
         way = way_out(fits, part, found.at, whole_step=True, worth=_worth_of_a_way(found))
         if way is None:
@@ -291,7 +294,7 @@ def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found
                 found.fits, point, progress, Descents(seed, what, rounds=SETTINGS.again), offsets
             )
             gained = (found.best.error**2 - again.best.error**2) * found.at.at.evidence.count
-            if gained > AS_GOOD * found.at.at.scatter:
+            if gained > FIT.as_good * found.at.at.scatter:
                 return _after(found, again)
     return found
 
@@ -328,7 +331,7 @@ def with_profile(found: Found, progress: Progress, *, seed: int) -> Found:
     """
     if found.cut_short is not None:
         return _sharpened(found)
-    for worth in (*[AS_GOOD] * SETTINGS.better, np.inf):
+    for worth in (*[FIT.as_good] * SETTINGS.better, np.inf):
         found = _sharpened(found)
         seen = profiled(found.fits, found.part, found.at, found.intervals, worth=worth)
         if seen is None or seen.better is None:
@@ -362,7 +365,7 @@ def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
     evaluate = partial(found.part.evaluate, fits.simulator([]))
     if is_rough(at, covariance, evaluate):
         sampled = sampled_posterior(at, covariance, evaluate, seed)
-        if sampled.gain > TOLERANCE:
+        if sampled.gain > FIT.tolerance:
             x, what = sampled.point, "fit from the likeliest point about"
             better = by_physics(fits, x, progress, Descents(seed, what, rounds=SETTINGS.again), at.offsets)
             history = [*found.history, *better.history]
@@ -390,13 +393,13 @@ def _idle(history: list[Best], count: int, unexplained_rounds: int) -> bool:
     """Whether a descent is over: the last rounds lowered the error over `count` numbers by nothing that counts."""
     errors = np.square([best.error for best in history])
     now = errors[-1]
-    explained = now <= PRACTICAL**2
+    explained = now <= LACK_OF_FIT.practical**2
     rounds = SETTINGS.idle_rounds if explained else unexplained_rounds
     if len(errors) <= rounds:
         return False
     gain = errors[-1 - rounds] - now
     if explained:
-        return bool(count * gain < TOLERANCE * max(1.0, now))
+        return bool(count * gain < FIT.tolerance * max(1.0, now))
     return bool(gain < (now - 1 if now < SETTINGS.far**2 else SETTINGS.least_gain * now))
 
 

@@ -14,7 +14,8 @@ from capture_cli.errors import OptionError
 from capture_cli.estimate.log_requirements import check_fits
 from capture_cli.estimate.prepared_log import attitudes
 from capture_cli.estimate.solve.base import Best
-from capture_cli.estimate.split import TEST_SHARE, EarlierSplit, Split, episodes_held_out
+from capture_cli.estimate.split import SETTINGS as SPLIT
+from capture_cli.estimate.split import EarlierSplit, Split, episodes_held_out
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import Windows
 from capture_cli.model.quaternion_signs import continuous
@@ -126,7 +127,7 @@ class EarlierEstimate:
         # of a single episode its end was held out: it counts as the part of an episode that it is
         held = sum(is_test[windows.episode == episode].mean() for episode in np.unique(windows.episode[~new]))
         for episode in np.unique(windows.episode[new]):
-            if held + 1 <= TEST_SHARE * (episode + 1):
+            if held + 1 <= SPLIT.test_share * (episode + 1):
                 is_test |= windows.episode == episode
                 held += 1
         return Split(is_test, _how(windows.episode, is_test))
