@@ -62,7 +62,9 @@ def test_the_arm_strikes_late_and_as_far(environment):
     sent = action[:2] + np.cumsum(inputs, axis=0) * 0.01
     np.testing.assert_allclose(outputs[-1, 2:], sent[-1], atol=0.005)  # it arrives
     along = (sent - outputs[:, 2:]) @ inputs[10] / np.linalg.norm(inputs[10])
-    assert 0.05 < along.max() < air_hockey.REACH  # it lags, and is never sent further than one action may
+    assert (
+        0.05 < along.max() < air_hockey.SETTINGS.reach
+    )  # it lags, and is never sent further than one action may
     puck_start = outputs[:, 0] > PLANT.puck_start[0] + 0.002
     assert 0.1 < time[puck_start.argmax()] < 0.5
     assert outputs[-1, 0] > PLANT.puck_start[0] + 0.1

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import zarr
 from inspecting import inspect
+from setting_numbers import set_numbers
 from typer.testing import CliRunner
 
 from capture_cli.cli.app import app
@@ -182,7 +183,7 @@ def test_pairs_that_diverge_are_drawn_anew(slider, monkeypatch):
     same = whole["parameters"][..., 0].max(axis=1) <= 3.0
     assert 0 < same.sum() < 30
     assert np.array_equal(arrays["actions"][same], whole["actions"][same])
-    monkeypatch.setattr(history_recipe, "ATTEMPTS", 1)
+    set_numbers(monkeypatch, history_recipe, attempts=1)
     with pytest.raises(FitError, match=r"pair \d+ diverged"):
         recipe(slider).make(range(30))
 

@@ -19,7 +19,8 @@ from safetensors.numpy import load_file, save_file
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.context.policies import REGISTRY
 from capture_cli.context.policies._evaluation import judge
-from capture_cli.context.policies.sac import BLOCK, Sac
+from capture_cli.context.policies.sac import SETTINGS as SAC
+from capture_cli.context.policies.sac import Sac
 from capture_cli.errors import FitError, OptionError, OutputError, StoreError
 from capture_cli.model.tasks.air_hockey import AirHockey
 from capture_cli.simulate.simulator import Simulator
@@ -64,7 +65,7 @@ def network(task, seed: int, width: int = 16) -> Sac:
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10**6), st.integers(1, 2 * BLOCK + 3), st.data())
+@given(st.integers(0, 10**6), st.integers(1, 2 * SAC.block + 3), st.data())
 def test_an_action_does_not_depend_on_the_company(seed, count, data):
     task = AirHockey()
     policy = network(task, seed)

@@ -8,15 +8,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from capture_cli.errors import OptionError, did_you_mean
 
-LABEL_EVERY = 3  # rounds; the last of three is random
-LABELS = 3
-LEAST_ERROR_RATE = 1e-3  # of labels that are right: nobody is that sure
-SCALE_SPREAD = 0.1
+
+@dataclass(frozen=True)
+class ObservationNoiseSettings:
+    label_every: int = 3  # rounds; the last of three is random
+    labels: int = 3
+    least_error_rate: float = 1e-3  # of labels that are right: nobody is that sure
+    scale_spread: float = 0.1
+
+
+SETTINGS = ObservationNoiseSettings()
 
 
 def apply(
@@ -39,7 +46,7 @@ def error_rate(name: str) -> Callable[[int], float]:
             f"--known-noise with the noise {name!r}",
             cure="it is for labels: take the noise 'label', or leave it out",
         )
-    return lambda number: 1 - 1 / LABELS if _is_random(number) else LEAST_ERROR_RATE
+    return lambda number: 1 - 1 / SETTINGS.labels if _is_random(number) else SETTINGS.least_error_rate
 
 
 def check(name: str, features: Iterable[str]) -> None:
@@ -57,7 +64,7 @@ def white_sd(name: str, sizes: np.ndarray) -> np.ndarray:
 
     0 for labels: what is wrong there is another label, and no distance.
     """
-    return sizes * SCALE_SPREAD / math.sqrt(3) if _find(name) is _scale else np.zeros_like(sizes)
+    return sizes * SETTINGS.scale_spread / math.sqrt(3) if _find(name) is _scale else np.zeros_like(sizes)
 
 
 def _none(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.ndarray:
@@ -67,16 +74,16 @@ def _none(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.nda
 def _label(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.ndarray:
     """Every third label is drawn from -1, 0, 1."""
     number = first_round + np.arange(measured.shape[1])
-    return np.where(_is_random(number)[:, None, None], np.floor(LABELS * uniform) - 1, measured)
+    return np.where(_is_random(number)[:, None, None], np.floor(SETTINGS.labels * uniform) - 1, measured)
 
 
 def _is_random(number):
-    return number % LABEL_EVERY == LABEL_EVERY - 1
+    return number % SETTINGS.label_every == SETTINGS.label_every - 1
 
 
 def _scale(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.ndarray:
     """Every value is multiplied by a factor of its own from U(0.9, 1.1)."""
-    return measured * (1 + SCALE_SPREAD * (2 * uniform - 1))
+    return measured * (1 + SETTINGS.scale_spread * (2 * uniform - 1))
 
 
 NOISES: dict[str, Callable[[np.ndarray, np.ndarray, int], np.ndarray]] = {

@@ -23,7 +23,8 @@ from capture_cli.context.histories.moving_parameters import check_parameters_mov
 from capture_cli.context.histories.resumed_histories import is_complete, place, shards_to_make
 from capture_cli.context.observation_noise import standard_deviations
 from capture_cli.context.search import REGISTRY as SEARCHES
-from capture_cli.context.search.base import ALPHA, Search
+from capture_cli.context.search.base import SETTINGS as BASE
+from capture_cli.context.search.base import Search
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.model.effects.ranges import EffectRanges
 from capture_cli.model.model_hash import model_hash
@@ -149,7 +150,7 @@ def _search(name: str, alpha: float | None) -> Search:
             cure="leave it out, or --search randomized-binary",
         )
     if not 0 < alpha < np.inf:
-        raise OptionError(f"--alpha {alpha:g}", cure=f"give a positive number; the paper's is {ALPHA:g}")
+        raise OptionError(f"--alpha {alpha:g}", cure=f"give a positive number; the paper's is {BASE.alpha:g}")
     return cls(alpha)
 
 

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-TABLE_ROUNDS = (5, 10, 15, 20, 30)  # the paper's, Table II
+
+@dataclass(frozen=True)
+class EvaluationSummarySettings:
+    table_rounds: tuple[int, ...] = (5, 10, 15, 20, 30)  # the paper's, Table II
+    as_near: float = 1e-3  # of the range: differences below this are none
+    normal_quantile: float = 1.959964  # of a 95 % interval
+
+
+SETTINGS = EvaluationSummarySettings()
+
+
 YARDSTICK = "domain-randomization"
 OURS = "capture-refined"
-AS_NEAR = 1e-3  # of the range: differences below this are none
-NORMAL_QUANTILE = 1.959964  # of a 95 % interval
 
 
 def summary(
@@ -19,7 +28,7 @@ def summary(
 ) -> dict[str, Any]:
     """Means over pairs and seeds, JSON-able; "mean" is over pairs and seeds, "sd" that of the seeds' means."""
     seeds, pairs, entries = arrays["trajectory_difference"].shape[1:]
-    reached = [r for r in TABLE_ROUNDS if r < entries] or [entries - 1]
+    reached = [r for r in SETTINGS.table_rounds if r < entries] or [entries - 1]
     names = [p["name"] for p in attributes["parameters"]]
     span = np.array([p["high"] - p["low"] for p in attributes["parameters"]])
     difference = np.abs(arrays["estimates"] - arrays["target"][None, :, :, None]) / span
@@ -80,7 +89,7 @@ def _coverage(sd: np.ndarray, error: np.ndarray) -> list[float] | None:
     """
     if np.isnan(sd[:, :, 1:]).any():
         return None
-    return six_digits((error[:, :, 1:] <= NORMAL_QUANTILE * sd[:, :, 1:]).mean(axis=(0, 1, 3)))
+    return six_digits((error[:, :, 1:] <= SETTINGS.normal_quantile * sd[:, :, 1:]).mean(axis=(0, 1, 3)))
 
 
 def _sd(of_seeds: np.ndarray) -> np.ndarray:
@@ -120,7 +129,7 @@ def _compared(gained: np.ndarray) -> dict[str, list[float]]:
     """gained (pair, entry)."""
     from scipy.stats import binomtest
 
-    nearer, further = (gained > AS_NEAR).sum(axis=0), (gained < -AS_NEAR).sum(axis=0)
+    nearer, further = (gained > SETTINGS.as_near).sum(axis=0), (gained < -SETTINGS.as_near).sum(axis=0)
     pairs = len(gained)
     se = gained.std(axis=0, ddof=1) / np.sqrt(pairs) if pairs > 1 else np.zeros(gained.shape[1])
     trials = zip(nearer.tolist(), further.tolist(), strict=True)

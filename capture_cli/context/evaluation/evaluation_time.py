@@ -12,9 +12,17 @@ from capture_cli.context.evaluation.evaluated_identifier import Evaluated
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
 from capture_cli.simulate.simulator import Simulator
 
-PROBED = 64  # episodes, simulated to see how many a second there are
-PROBED_PAIRS, PROBED_ROUNDS = 2, 5  # of identifiers that simulate by themselves
-SMALLEST_PLANNED = 50  # pairs in all, from which on it is said how long it will take
+
+@dataclass(frozen=True)
+class EvaluationTimeSettings:
+    probed: int = 64  # episodes, simulated to see how many a second there are
+    # of identifiers that simulate by themselves
+    probed_pairs: int = 2
+    probed_rounds: int = 5
+    smallest_planned: int = 50  # pairs in all, from which on it is said how long it will take
+
+
+SETTINGS = EvaluationTimeSettings()
 
 
 @dataclass(frozen=True)
@@ -37,7 +45,7 @@ def expected(todo: Iterable[tuple[Evaluated, Sim2Sim]]) -> Expected | None:
     What identifiers simulate by themselves is seen on a few pairs and rounds, and taken to go on so.
     """
     todo = list(todo)
-    if sum(draw.pairs for _, draw in todo) < SMALLEST_PLANNED:
+    if sum(draw.pairs for _, draw in todo) < SETTINGS.smallest_planned:
         return None
     by_itself: dict[str, float] = {}
     rollouts = 0.0
@@ -51,19 +59,19 @@ def expected(todo: Iterable[tuple[Evaluated, Sim2Sim]]) -> Expected | None:
 
 def _by_itself(e: Evaluated, draw: Sim2Sim) -> float:
     """Rollouts a pair that the identifier simulates besides its candidates."""
-    probe = replace(draw, pairs=PROBED_PAIRS, rounds=min(draw.rounds, PROBED_ROUNDS))
+    probe = replace(draw, pairs=SETTINGS.probed_pairs, rounds=min(draw.rounds, SETTINGS.probed_rounds))
     spent = probe.run(e.make, known=e.effects)["simulated_rollouts"].mean(axis=0)
     total = spent[-1] + (draw.rounds - probe.rounds) * (spent[-1] - spent[-2])
     return max(0.0, total - draw.rounds * e.kind.candidates)
 
 
 def _rollouts_per_second(draw: Sim2Sim) -> float:
-    source, _ = replace(draw, pairs=PROBED, rounds=1).ends()
-    uniform = np.random.default_rng(0).random((PROBED, len(draw.task.actions)))
+    source, _ = replace(draw, pairs=SETTINGS.probed, rounds=1).ends()
+    uniform = np.random.default_rng(0).random((SETTINGS.probed, len(draw.task.actions)))
     actions = draw.policy.act(source, uniform)
     began = time.monotonic()
     Simulator(draw.task, threads=draw.threads).trajectories(source, actions)
-    return PROBED / (time.monotonic() - began)
+    return SETTINGS.probed / (time.monotonic() - began)
 
 
 def _duration(seconds: float) -> str:

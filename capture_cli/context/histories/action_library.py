@@ -32,12 +32,21 @@ from capture_cli.simulate.multisine import (
 )
 from capture_cli.store.histories import Histories
 
-POINTS = 20
-MOST_PAIRS = 1024  # of histories, whose actions are taken
-EPISODES, WINDOWS = 64, 16  # simulated for a library of multisines, and windows taken from each
-LONG = 8  # windows that such an episode lasts
-BEYOND = 1.5  # sampling intervals: so much before its end a tape's last sample may be
-OVERLAP = 0.1  # of a tape: by less than this windows of uneven times may begin before the one before ends
+
+@dataclass(frozen=True)
+class ActionLibrarySettings:
+    points: int = 20
+    most_pairs: int = 1024  # of histories, whose actions are taken
+    # simulated for a library of multisines, and windows taken from each
+    episodes: int = 64
+    windows: int = 16
+    long: int = 8  # windows that such an episode lasts
+    beyond: float = 1.5  # sampling intervals: so much before its end a tape's last sample may be
+    # of a tape: by less than this windows of uneven times may begin before the one before ends
+    overlap: float = 0.1
+
+
+SETTINGS = ActionLibrarySettings()
 
 
 @dataclass(frozen=True)
@@ -57,7 +66,7 @@ def sequence_task(
     *,
     inputs_from: Path | None = None,
     window: float | None = None,
-    points: int = POINTS,
+    points: int = SETTINGS.points,
     amplitude: Mapping[str, float] | None = None,
     band: tuple[float, float] | None = None,
     max_log_size: int | None = None,
@@ -96,7 +105,7 @@ def sequence_task(
 
 
 def task_of_histories(machine: Task, location: Path) -> SequenceTask:
-    """`machine` with the actions that the rounds of the histories at `location` had, MOST_PAIRS pairs at most.
+    """`machine` with the actions that the rounds of the histories at `location` had, `most_pairs` pairs at most.
 
     Raises StoreError, or OptionError where they are of another machine.
     """
@@ -122,7 +131,7 @@ def task_of_histories(machine: Task, location: Path) -> SequenceTask:
     low, high = (np.array([a[end] for a in about["actions"]]) for end in ("low", "high"))
     scales = [f["scale"] for f in about["features"]]
     task = SequenceTask(machine, np.array(about["point_times"]), np.stack([low, high]), scales)
-    actions = histories.read(0, min(len(histories), MOST_PAIRS))["actions"]
+    actions = histories.read(0, min(len(histories), SETTINGS.most_pairs))["actions"]
     task.library = actions.reshape(-1, actions.shape[-1])
     return task
 
@@ -155,9 +164,9 @@ def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
         steps = episodes[int(episode)]
         time, read = clocked[steps], slice(steps.start, stop)
         ends = start + lasts
-        if clocked[stop - 1] < ends - BEYOND * np.median(np.diff(time)):
+        if clocked[stop - 1] < ends - SETTINGS.beyond * np.median(np.diff(time)):
             continue
-        if episode == before and start < until - OVERLAP * lasts:
+        if episode == before and start < until - SETTINGS.overlap * lasts:
             continue
         before, until = episode, ends
         inputs.append(inputs_at(start + grid, time, log.inputs[steps], task.timestep, task.linear))
@@ -202,9 +211,11 @@ def _multisine_tapes(
     check_band(band)
     generator = np.random.default_rng(seed)
     steps = round(point_times[-1] / machine.timestep) + 1
-    time = machine.timestep * np.arange(LONG * steps)
+    time = machine.timestep * np.arange(SETTINGS.long * steps)
     farthest = peaks(machine, amplitude)
-    inputs = np.stack([multisine_sequence(machine, time, farthest, band, generator) for _ in range(EPISODES)])
+    inputs = np.stack(
+        [multisine_sequence(machine, time, farthest, band, generator) for _ in range(SETTINGS.episodes)]
+    )
     rollouts = nominal_motion(machine, machine.controls(inputs))
     sound = np.flatnonzero(~rollouts.diverged)
     if not sound.size:
@@ -212,7 +223,7 @@ def _multisine_tapes(
             f"task {machine.name!r} diverges when it is driven by multisines",
             cure="drive it less (--amplitude), or take the inputs of a log (--inputs-from)",
         )
-    episode = np.repeat(sound, WINDOWS)
+    episode = np.repeat(sound, SETTINGS.windows)
     first = generator.integers(0, len(time) - steps, len(episode))
     points = first[:, None] + np.rint(point_times / machine.timestep).astype(int)
     count = len(episode)

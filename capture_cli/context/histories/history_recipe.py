@@ -15,7 +15,14 @@ from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.simulate.simulator import Simulator
 
-ATTEMPTS = 10  # at drawing a pair whose simulations do not diverge
+
+@dataclass(frozen=True)
+class HistoryRecipeSettings:
+    attempts: int = 10  # at drawing a pair whose simulations do not diverge
+
+
+SETTINGS = HistoryRecipeSettings()
+
 
 Arrays = dict[str, np.ndarray]
 
@@ -45,7 +52,7 @@ class Recipe:
         simulator = Simulator(self.task, self.effects.placed, threads)
         pairs = np.asarray(pairs)
         arrays, diverged = self._histories(pairs, 0, simulator)
-        for attempt in range(1, ATTEMPTS):
+        for attempt in range(1, SETTINGS.attempts):
             rows = np.flatnonzero(diverged)
             if not rows.size:
                 return arrays
@@ -55,7 +62,7 @@ class Recipe:
         if diverged.any():
             raise FitError(
                 f"task {self.task.name!r}: pair {pairs[diverged][0]} diverged in the simulator, drawn "
-                f"{ATTEMPTS} times",
+                f"{SETTINGS.attempts} times",
                 cure="narrow the parameters' bounds, drive the machine less, or use a smaller model timestep",
             )
         return arrays

@@ -7,15 +7,24 @@ import re
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 
 from capture_cli.context.histories.history_recipe import Recipe
 from capture_cli.errors import CaptureError, OptionError, StoreError
 from capture_cli.store.histories import HistoriesWriter
 
-RETRIES = 5  # of a shard, where a node or a process was lost
-QUEUED = 2  # shards submitted per processor of the cluster: more would only fill its scheduler
-REACH = 5.0  # s, to answer at an address
+
+@dataclass(frozen=True)
+class RayClusterSettings:
+    retries: int = 5  # of a shard, where a node or a process was lost
+    queued: int = 2  # shards submitted per processor of the cluster: more would only fill its scheduler
+    reach: float = 5.0  # s, to answer at an address
+
+
+SETTINGS = RayClusterSettings()
+
+
 _HOST = re.compile(r"^(?:ray://)?(?P<host>[^/:]+):(?P<port>\d+)$")
 
 Shards = Sequence[tuple[int, range]]
@@ -43,12 +52,12 @@ def _make(ray, recipe: Recipe, writer: HistoriesWriter, shards: Shards, threads:
         raise OptionError(
             f"--threads {threads}: the cluster has {processors} processors", cure="ask for fewer threads"
         )
-    task = ray.remote(num_cpus=threads, max_retries=RETRIES)(_make_shard)
+    task = ray.remote(num_cpus=threads, max_retries=SETTINGS.retries)(_make_shard)
     shared = ray.put(recipe)
     left = iter(shards)
     running = {}
     while True:
-        while len(running) < QUEUED * max(1, processors // threads) and (shard := next(left, None)):
+        while len(running) < SETTINGS.queued * max(1, processors // threads) and (shard := next(left, None)):
             running[task.remote(shared, writer, *shard, threads)] = shard
         if not running:
             return
@@ -78,7 +87,7 @@ def _result(ray, reference) -> None:
         raise
     except (ray.exceptions.WorkerCrashedError, ray.exceptions.NodeDiedError) as error:
         raise StoreError(
-            f"a shard was lost {RETRIES + 1} times: {error}",
+            f"a shard was lost {SETTINGS.retries + 1} times: {error}",
             cure="see to the hosts of the cluster, and go on with --resume",
         ) from error
 
@@ -119,6 +128,6 @@ def _check_reachable(address: str) -> None:
     if found is None:
         raise OptionError(f"--address {address!r}", cure="give HOST:PORT, ray://HOST:PORT, or auto")
     try:
-        socket.create_connection((found["host"], int(found["port"])), timeout=REACH).close()
+        socket.create_connection((found["host"], int(found["port"])), timeout=SETTINGS.reach).close()
     except OSError as error:
         raise OptionError(f"--address {address}: no cluster answers ({error})", cure=_START) from error

@@ -8,10 +8,18 @@ from capture_cli.errors import OptionError, did_you_mean
 
 TOKENS = ("trajectory", "step")
 DEFAULT_TOKENS = TOKENS[0]  # of identifiers that may have either
-OVERSHOOT = 1.1  # of tanh, cut off afterwards: a bound can be reached without saturating
-# bounds of the predicted standard deviations, in the unit cube
-SMALLEST_SD, LARGEST_SD = 1e-4, 1.0
-FIRST_SD = 0.3  # about that of a uniform draw, where training begins
+
+
+@dataclass(frozen=True)
+class ArchitectureSettings:
+    overshoot: float = 1.1  # of tanh, cut off afterwards: a bound can be reached without saturating
+    # bounds of the predicted standard deviations, in the unit cube
+    smallest_sd: float = 1e-4
+    largest_sd: float = 1.0
+    first_sd: float = 0.3  # about that of a uniform draw, where training begins
+
+
+SETTINGS = ArchitectureSettings()
 
 
 @dataclass(frozen=True)

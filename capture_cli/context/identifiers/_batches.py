@@ -9,8 +9,15 @@ import numpy as np
 
 from capture_cli.context.identifiers.base import ARRAYS, Rounds
 
-BLOCK_PAIRS = 2048  # read at once
-POOL_BLOCKS = 8  # in memory at once: shuffled together
+
+@dataclass(frozen=True)
+class BatchesSettings:
+    block_pairs: int = 2048  # read at once
+    pool_blocks: int = 8  # in memory at once: shuffled together
+
+
+SETTINGS = BatchesSettings()
+
 
 # the pairs [first, last) of the histories
 Read = Callable[[int, int], Rounds]
@@ -60,12 +67,12 @@ class Batches:
 
     def _pools(self, epoch: int) -> list[np.ndarray]:
         """The first pairs of the blocks of each pool."""
-        blocks = np.arange(0, self.pairs, BLOCK_PAIRS)
+        blocks = np.arange(0, self.pairs, SETTINGS.block_pairs)
         order = np.random.default_rng([self.seed, 0, epoch]).permutation(blocks)
-        return [order[i : i + POOL_BLOCKS] for i in range(0, len(order), POOL_BLOCKS)]
+        return [order[i : i + SETTINGS.pool_blocks] for i in range(0, len(order), SETTINGS.pool_blocks)]
 
     def _of_pool(self, blocks: np.ndarray, place: Place) -> Iterator[tuple[Rounds, Place]]:
-        parts = [self.read(b, min(b + BLOCK_PAIRS, self.pairs)) for b in blocks.tolist()]
+        parts = [self.read(b, min(b + SETTINGS.block_pairs, self.pairs)) for b in blocks.tolist()]
         order = np.random.default_rng([self.seed, 1, place.epoch, place.pool]).permutation(
             sum(len(p) for p in parts)
         )

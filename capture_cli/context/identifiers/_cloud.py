@@ -21,19 +21,31 @@ import numpy as np
 
 from capture_cli.estimate.solve.linearization import box_step
 
-# Of a feature's scale: what is taken for noise at least, for a simulation is not smooth below
-ROUGHNESS = 2e-4
-# Points of a cloud, for each coefficient of the regression; one of them new in each round
-PER_COEFFICIENT = 7
-WIDER = 1.5  # times the posterior's standard deviation, a cloud's
-FARTHEST = 2.5  # standard deviations of the distribution that points are drawn from
-FIRST = 3.0, 0.2  # times the standard deviation of what is known at first, and of the range at most
-REACH = 3.0  # standard deviations of the cloud, in one regression
-SMALLEST_SD = 1e-4  # of the range, of new points
-MORE_NOISE = 0.5  # of the variance that the regression leaves, for its coefficients are uncertain, too
-LAW_STEPS = 4  # of the fit in turns of parameters and noise
-GRID, FINER = 9, 4  # values of a and of b that are tried at once, and how often a finer grid follows
-LEAST_SHARE, MOST_SHARE = 1e-3, 2.0  # of an output, its noise b
+
+@dataclass(frozen=True)
+class CloudSettings:
+    # Of a feature's scale: what is taken for noise at least, for a simulation is not smooth below
+    roughness: float = 2e-4
+    # Points of a cloud, for each coefficient of the regression; one of them new in each round
+    per_coefficient: int = 7
+    wider: float = 1.5  # times the posterior's standard deviation, a cloud's
+    farthest: float = 2.5  # standard deviations of the distribution that points are drawn from
+    # times the standard deviation of what is known at first, and of the range at most
+    first: tuple[float, float] = 3.0, 0.2
+    reach: float = 3.0  # standard deviations of the cloud, in one regression
+    smallest_sd: float = 1e-4  # of the range, of new points
+    # of the variance that the regression leaves, for its coefficients are uncertain, too
+    more_noise: float = 0.5
+    law_steps: int = 4  # of the fit in turns of parameters and noise
+    # values of a and of b that are tried at once, and how often a finer grid follows
+    grid: int = 9
+    finer: int = 4
+    # of an output, its noise b
+    least_share: float = 1e-3
+    most_share: float = 2.0
+
+
+SETTINGS = CloudSettings()
 
 
 # (pair, rounds, x (p,)), ... -> what each would show, (round, d)
@@ -52,11 +64,11 @@ class Cloud:
     @classmethod
     def about(cls, mean: np.ndarray, covariance: np.ndarray, d: int) -> Cloud:
         """Points well spread about what is known at first, not simulated yet; d values a round."""
-        wider, most = FIRST
+        wider, most = SETTINGS.first
         values, vectors = np.linalg.eigh(covariance)
         covariance = (vectors * np.minimum(wider**2 * values, most**2)) @ vectors.T
         cloud = cls(mean, covariance, np.zeros((0, len(mean))), np.zeros((0, 0, d)))
-        cloud.points = cloud.drawn(PER_COEFFICIENT * (len(mean) + 1))
+        cloud.points = cloud.drawn(SETTINGS.per_coefficient * (len(mean) + 1))
         cloud.outputs = np.zeros((len(cloud.points), 0, d))
         return cloud
 
@@ -69,8 +81,10 @@ class Cloud:
         """New points (count, p) from the posterior, widened; others after every round."""
         size = len(self.mean)
         generator = np.random.default_rng(self.rounds)
-        factor = np.linalg.cholesky(WIDER**2 * self.covariance + SMALLEST_SD**2 * np.eye(size))
-        off = np.clip(generator.standard_normal((count, size)), -FARTHEST, FARTHEST)
+        factor = np.linalg.cholesky(
+            SETTINGS.wider**2 * self.covariance + SETTINGS.smallest_sd**2 * np.eye(size)
+        )
+        off = np.clip(generator.standard_normal((count, size)), -SETTINGS.farthest, SETTINGS.farthest)
         return np.clip(self.mean + off @ factor.T, 0, 1)
 
     def learn(self, outputs: np.ndarray) -> None:
@@ -97,14 +111,14 @@ class Cloud:
         middle, j, left_over = self._regression()
         residual = measured.ravel() - middle
         spread = self.points.std(axis=0)
-        low = np.maximum(-self.mean, -REACH * spread)
-        high = np.minimum(1 - self.mean, REACH * spread)
+        low = np.maximum(-self.mean, -SETTINGS.reach * spread)
+        high = np.minimum(1 - self.mean, SETTINGS.reach * spread)
         unexplained = np.square(left_over).sum(axis=0)
         flat = 12 * np.eye(size)  # the precision of a uniform distribution
         squares = np.square(residual) * residual.size / max(1, residual.size - size)
-        for _ in range(LAW_STEPS):
+        for _ in range(SETTINGS.law_steps):
             noise = _noise(squares, np.square(middle), unexplained, features)
-            weighted = _weighted(j, noise + MORE_NOISE * unexplained, left_over)
+            weighted = _weighted(j, noise + SETTINGS.more_noise * unexplained, left_over)
             hessian = j.T @ weighted + flat
             step = box_step(hessian, weighted.T @ residual + flat @ (0.5 - self.mean), low, high)
             covariance = np.linalg.inv(hessian)
@@ -167,15 +181,15 @@ def _noise(squares: np.ndarray, outputs: np.ndarray, known: np.ndarray, features
 
 def _law(squares: np.ndarray, outputs: np.ndarray, known: np.ndarray) -> np.ndarray:
     """a^2 + b^2 * outputs (d,), as maximum likelihood has a and b, by ever finer grids."""
-    floor = np.log(ROUGHNESS)
-    log_a = np.linspace(floor, max(np.log(4 * squares.mean()) / 2, floor + 1), GRID)
-    log_b = np.linspace(np.log(LEAST_SHARE), np.log(MOST_SHARE), GRID)
-    for _ in range(FINER):
+    floor = np.log(SETTINGS.roughness)
+    log_a = np.linspace(floor, max(np.log(4 * squares.mean()) / 2, floor + 1), SETTINGS.grid)
+    log_b = np.linspace(np.log(SETTINGS.least_share), np.log(SETTINGS.most_share), SETTINGS.grid)
+    for _ in range(SETTINGS.finer):
         variance = np.exp(2 * log_a)[:, None, None] + np.exp(2 * log_b)[:, None] * outputs + known
         unlikely = (np.log(variance) + squares / variance).sum(axis=-1)
         a, b = np.unravel_index(np.argmin(unlikely), unlikely.shape)
         best_a, best_b = log_a[a], log_b[b]
         step_a, step_b = log_a[1] - log_a[0], log_b[1] - log_b[0]
-        log_a = np.maximum(np.linspace(best_a - step_a, best_a + step_a, GRID), floor)
-        log_b = np.linspace(best_b - step_b, best_b + step_b, GRID)
+        log_a = np.maximum(np.linspace(best_a - step_a, best_a + step_a, SETTINGS.grid), floor)
+        log_b = np.linspace(best_b - step_b, best_b + step_b, SETTINGS.grid)
     return np.exp(2 * best_a) + np.exp(2 * best_b) * outputs

@@ -7,19 +7,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.context.identifiers._architecture import (
-    FIRST_SD,
-    LARGEST_SD,
-    OVERSHOOT,
-    SMALLEST_SD,
-    Architecture,
-)
+from capture_cli.context.identifiers._architecture import SETTINGS as ARCHITECTURE
+from capture_cli.context.identifiers._architecture import Architecture
 
 Arrays = Mapping[str, np.ndarray]
-EPSILON = 1e-5  # of a layer norm, as torch has it
+
+
+@dataclass(frozen=True)
+class InferenceSettings:
+    epsilon: float = 1e-5  # of a layer norm, as torch has it
+
+
+SETTINGS = InferenceSettings()
 
 
 def answer(architecture: Architecture, network: Arrays, inputs: Arrays) -> tuple[np.ndarray, np.ndarray]:
@@ -31,7 +34,7 @@ def answer(architecture: Architecture, network: Arrays, inputs: Arrays) -> tuple
     for number in range(architecture.layers):
         stream = _block(network, f"blocks.{number}.", stream, architecture.heads)
     last = _norm(network, "last_norm", stream[:, -1])
-    raw = OVERSHOOT * np.tanh(_linear(network, "mean_head", last))
+    raw = ARCHITECTURE.overshoot * np.tanh(_linear(network, "mean_head", last))
     before = inputs["parameters"][:, -1]
     mean = (before + 1) / 2 + raw if architecture.residual else (1 + raw) / 2
     return mean.astype(float), _whitening(architecture.parameters, network, last).astype(float)
@@ -77,8 +80,8 @@ def _attend(network: Arrays, name: str, x: np.ndarray, heads: int) -> np.ndarray
 
 def _whitening(size: int, network: Arrays, last: np.ndarray) -> np.ndarray:
     raw = _linear(network, "spread_head.2", _gelu(_linear(network, "spread_head.0", last)))
-    low, high = math.log(SMALLEST_SD), math.log(LARGEST_SD)
-    first = math.log((math.log(FIRST_SD) - low) / (high - math.log(FIRST_SD)))
+    low, high = math.log(ARCHITECTURE.smallest_sd), math.log(ARCHITECTURE.largest_sd)
+    first = math.log((math.log(ARCHITECTURE.first_sd) - low) / (high - math.log(ARCHITECTURE.first_sd)))
     log_sd = low + (high - low) / (1 + np.exp(-(raw[:, :size] + first)))
     whitening = np.zeros((len(raw), size, size), dtype=raw.dtype)
     whitening[:, np.arange(size), np.arange(size)] = np.exp(-log_sd)
@@ -94,7 +97,7 @@ def _linear(network: Arrays, name: str, x: np.ndarray) -> np.ndarray:
 def _norm(network: Arrays, name: str, x: np.ndarray) -> np.ndarray:
     centred = x - x.mean(axis=-1, keepdims=True)
     variance = np.square(centred).mean(axis=-1, keepdims=True)
-    scaled = centred / np.sqrt(variance + np.float32(EPSILON))
+    scaled = centred / np.sqrt(variance + np.float32(SETTINGS.epsilon))
     return scaled * network[f"{name}.weight"] + network[f"{name}.bias"]
 
 

@@ -11,21 +11,31 @@ them too would count them twice, and be as sure of a wrong one as of a right one
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from capture_cli.context.identifiers._learned import Prediction
 from capture_cli.context.identifiers.base import Rounds, Signature, Simulate, finite
 
-VALUES = 257  # of the parameter, in all its range
+
+@dataclass(frozen=True)
+class LabelRefinementSettings:
+    values: int = 257  # of the parameter, in all its range
+    labels: int = 3
+    negligible: float = 1e-3  # share of the posterior, in all, that is not looked at
+    as_good: float = 1 - 1e-9  # stretches that hold this much of the most are as good
+    covered: float = 0.95
+    normal_quantile: float = 1.959964
+    halvings: int = 20  # of the range, until an interval is known
+
+
+SETTINGS = LabelRefinementSettings()
+
+
 # how often a measured label is wrong, and how likely that is beforehand: as like as not, never
 ERROR_RATES = np.array([1e-3, 0.03, 0.1, 0.2, 0.3])
 RATE_PRIOR = np.array([0.5, 0.125, 0.125, 0.125, 0.125])
-LABELS = 3
-NEGLIGIBLE = 1e-3  # share of the posterior, in all, that is not looked at
-AS_GOOD = 1 - 1e-9  # stretches that hold this much of the most are as good
-COVERED, NORMAL_QUANTILE = 0.95, 1.959964
-HALVINGS = 20  # of the range, until an interval is known
 
 
 class LabelRefinement:
@@ -46,10 +56,10 @@ class LabelRefinement:
         self.error_rate = error_rate
         self.rollouts = np.zeros(pairs, dtype=np.int64)
         self._round = 0
-        self._values = np.linspace(0, 1, VALUES)
-        self._resolution = np.full(pairs, VALUES)  # as long as it is not known
+        self._values = np.linspace(0, 1, SETTINGS.values)
+        self._resolution = np.full(pairs, SETTINGS.values)  # as long as it is not known
         prior = RATE_PRIOR if error_rate is None else np.ones(1)
-        self._log = np.tile(np.log(prior)[None, :, None], (pairs, 1, VALUES))
+        self._log = np.tile(np.log(prior)[None, :, None], (pairs, 1, SETTINGS.values))
 
     def refine(self, prior: Prediction, asked, actions, simulated, measured) -> Prediction:
         """The estimate after one more round and its variance, in the task's units.
@@ -62,7 +72,7 @@ class LabelRefinement:
         self._weigh(asked, actions, measured)
         cumulative = np.cumsum(self._posterior(), axis=1)
         estimate = self._fullest(cumulative)
-        sd = _half_width(cumulative, estimate) / NORMAL_QUANTILE * space.span
+        sd = _half_width(cumulative, estimate) / SETTINGS.normal_quantile * space.span
         return Prediction(space.from_unit(estimate[:, None]), np.square(sd)[:, None, None])
 
     def recall(self, earlier: Rounds) -> None:
@@ -76,7 +86,7 @@ class LabelRefinement:
         self._resolve(labels, self.signature.space.to_unit(asked)[:, 0])
         right = (labels == measured[:, -1])[:, None]
         rate = (ERROR_RATES if self.error_rate is None else np.array([self.error_rate(self._round)]))[:, None]
-        self._log += np.log(np.where(right, 1 - rate, rate / (LABELS - 1)))
+        self._log += np.log(np.where(right, 1 - rate, rate / (SETTINGS.labels - 1)))
         self._round += 1
 
     def _posterior(self) -> np.ndarray:
@@ -88,33 +98,33 @@ class LabelRefinement:
         """How many values about the one `asked` for (pair,) an action did not tell apart, the fewest so far: those
         between two changes of the label.
         """
-        at = np.rint(asked * (VALUES - 1)).astype(int)
+        at = np.rint(asked * (SETTINGS.values - 1)).astype(int)
         other = labels != np.take_along_axis(labels, at[:, None], axis=1)
-        index = np.arange(VALUES)
+        index = np.arange(SETTINGS.values)
         below = np.where(other & (index < at[:, None]), index, -1).max(axis=1)
-        above = np.where(other & (index > at[:, None]), index, VALUES).min(axis=1)
-        between = (below >= 0) & (above < VALUES)
+        above = np.where(other & (index > at[:, None]), index, SETTINGS.values).min(axis=1)
+        between = (below >= 0) & (above < SETTINGS.values)
         self._resolution = np.where(
             between, np.minimum(self._resolution, above - below - 1), self._resolution
         )
 
     def _fullest(self, cumulative: np.ndarray) -> np.ndarray:
         """The middle (pair,) of the stretch of `resolution` values that holds most; of several side by side, of all."""
-        index = np.arange(VALUES)
-        reach = (np.where(self._resolution < VALUES, self._resolution, 1) - 1)[:, None] // 2
+        index = np.arange(SETTINGS.values)
+        reach = (np.where(self._resolution < SETTINGS.values, self._resolution, 1) - 1)[:, None] // 2
         padded = np.pad(cumulative, ((0, 0), (1, 0)))
-        last = np.take_along_axis(padded, np.minimum(index + reach + 1, VALUES), axis=1)
+        last = np.take_along_axis(padded, np.minimum(index + reach + 1, SETTINGS.values), axis=1)
         held = last - np.take_along_axis(padded, np.maximum(index - reach, 0), axis=1)
-        best = held >= AS_GOOD * held.max(axis=1, keepdims=True)
+        best = held >= SETTINGS.as_good * held.max(axis=1, keepdims=True)
         first = np.argmax(best, axis=1)
-        after = np.where(~best & (index > first[:, None]), index, VALUES).min(axis=1)
+        after = np.where(~best & (index > first[:, None]), index, SETTINGS.values).min(axis=1)
         return (self._values[first] + self._values[after - 1]) / 2
 
     def _labels(self, posterior: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """The label that each value would give under the action (pair, value); NaN where it does not matter."""
         cumulative = np.cumsum(posterior, axis=1)
-        low = np.argmax(cumulative > NEGLIGIBLE / 2, axis=1)
-        high = np.argmax(cumulative >= 1 - NEGLIGIBLE / 2, axis=1)
+        low = np.argmax(cumulative > SETTINGS.negligible / 2, axis=1)
+        high = np.argmax(cumulative >= 1 - SETTINGS.negligible / 2, axis=1)
         labels = np.full(posterior.shape, np.nan)
         pair = np.arange(len(labels))
         self._look(labels, np.concatenate([pair, pair]), np.concatenate([low, high]), actions)
@@ -144,14 +154,17 @@ def _half_width(cumulative: np.ndarray, middle: np.ndarray) -> np.ndarray:
 
     Each value stands for the cell of values that are nearest to it.
     """
-    edges = np.concatenate([[0], (np.arange(VALUES - 1) + 0.5) / (VALUES - 1), [1]])
+    edges = np.concatenate([[0], (np.arange(SETTINGS.values - 1) + 0.5) / (SETTINGS.values - 1), [1]])
     below = np.pad(cumulative, ((0, 0), (1, 0)))
     low, high = np.zeros(len(middle)), np.ones(len(middle))
-    for _ in range(HALVINGS):
+    for _ in range(SETTINGS.halvings):
         half = (low + high) / 2
         ends = zip(below, middle - half, middle + half, strict=True)
         held = np.array([np.interp(right, edges, f) - np.interp(left, edges, f) for f, left, right in ends])
-        low, high = np.where(held < COVERED, half, low), np.where(held < COVERED, high, half)
+        low, high = (
+            np.where(held < SETTINGS.covered, half, low),
+            np.where(held < SETTINGS.covered, high, half),
+        )
     return high
 
 

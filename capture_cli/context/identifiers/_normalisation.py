@@ -8,8 +8,14 @@ import numpy as np
 
 from capture_cli.context.identifiers.base import Rounds, Signature
 
-SMALLEST_SPREAD = 1e-3  # of a feature's declared scale: what hardly varies is not blown up
-KNEE = 0.01  # of its spread, where a companded residual turns from linear to logarithmic
+
+@dataclass(frozen=True)
+class NormalisationSettings:
+    smallest_spread: float = 1e-3  # of a feature's declared scale: what hardly varies is not blown up
+    knee: float = 0.01  # of its spread, where a companded residual turns from linear to logarithmic
+
+
+SETTINGS = NormalisationSettings()
 
 
 @dataclass(frozen=True)
@@ -31,7 +37,7 @@ class Normalisation:
         return cls(
             signature,
             trajectories.mean(axis=(0, 1)),
-            *(np.maximum(s, SMALLEST_SPREAD * scale) for s in spreads),
+            *(np.maximum(s, SETTINGS.smallest_spread * scale) for s in spreads),
         )
 
     @property
@@ -42,7 +48,7 @@ class Normalisation:
     def inputs(self, rounds: Rounds) -> dict[str, np.ndarray]:
         """float32 arrays by the names of `_transformer.Inputs`."""
         residual = (rounds.measured - rounds.simulated) / self.residual_spread
-        companded = np.arcsinh(residual / KNEE) / np.arcsinh(1 / KNEE)
+        companded = np.arcsinh(residual / SETTINGS.knee) / np.arcsinh(1 / SETTINGS.knee)
         arrays = {
             "parameters": 2 * self.signature.space.to_unit(rounds.parameters) - 1,
             "actions": 2 * self.signature.actions.to_unit(rounds.actions) - 1,

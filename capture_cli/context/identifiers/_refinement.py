@@ -16,28 +16,42 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.context.identifiers._cloud import ROUGHNESS, Cloud, improve
+from capture_cli.context.identifiers._cloud import SETTINGS as CLOUD
+from capture_cli.context.identifiers._cloud import Cloud, improve
 from capture_cli.context.identifiers._learned import Prediction
 from capture_cli.context.identifiers.base import Rounds, Signature, Simulate, finite
 from capture_cli.estimate.solve.linearization import box_step
 
-SHORTEST_STEP = 1e-3  # of the range, a finite difference; longer where the task says so
-NO_SENSITIVITY = 1e-9  # of a feature's scale over the range: rounding
-FLOOR = 3e-5  # of a feature's scale: residuals below this are no residuals
-NOISY = 2e-3  # likewise: a descent that leaves more of most rounds ended in noise
-NOISY_ROUNDS = 3  # at least, for it to be noise
-TRIALS = 8  # points at most that are tried in a round, of each pair
-ROUGH_TRIALS = 1  # where an exact fit follows the rounds
-SURPRISE = 2.0  # times what is left of the rounds before, is more than they would lead to expect
-FAILURES = 2  # of these that were no better, at most
-SCREENED, OPEN = 8, 0.05  # points, where a direction is open by more than this share of the range
-MOST_UNKNOWN = 3  # rounds of a pair whose sensitivities are taken at once
-LONGEST_STEP = 0.35  # of the range
-SMALL_STEP = 0.2  # of the posterior standard deviation: a shorter step is taken without a trial
-FIRST_EASING, LEAST_EASING, MOST_EASING = 0.2, 0.01, 3.0  # of the residual, taken for noise while stepping
-POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # of the decrease that was predicted
-LARGEST_SD = 0.5  # of the range, of a prior
-TAILS = 3.0  # degrees of freedom of a prior: sure of itself, it may still be wrong
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    shortest_step: float = 1e-3  # of the range, a finite difference; longer where the task says so
+    no_sensitivity: float = 1e-9  # of a feature's scale over the range: rounding
+    floor: float = 3e-5  # of a feature's scale: residuals below this are no residuals
+    noisy: float = 2e-3  # likewise: a descent that leaves more of most rounds ended in noise
+    noisy_rounds: int = 3  # at least, for it to be noise
+    trials: int = 8  # points at most that are tried in a round, of each pair
+    rough_trials: int = 1  # where an exact fit follows the rounds
+    surprise: float = 2.0  # times what is left of the rounds before, is more than they would lead to expect
+    failures: int = 2  # of these that were no better, at most
+    # points, where a direction is open by more than this share of the range
+    screened: int = 8
+    open: float = 0.05
+    most_unknown: int = 3  # rounds of a pair whose sensitivities are taken at once
+    longest_step: float = 0.35  # of the range
+    small_step: float = 0.2  # of the posterior standard deviation: a shorter step is taken without a trial
+    # of the residual, taken for noise while stepping
+    first_easing: float = 0.2
+    least_easing: float = 0.01
+    most_easing: float = 3.0
+    # of the decrease that was predicted
+    poor_gain: float = 0.25
+    good_gain: float = 0.75
+    largest_sd: float = 0.5  # of the range, of a prior
+    tails: float = 3.0  # degrees of freedom of a prior: sure of itself, it may still be wrong
+
+
+SETTINGS = RefinementSettings()
 
 
 @dataclass
@@ -56,7 +70,7 @@ class _Pair:
     points: np.ndarray
     outputs: np.ndarray
     sensitivities: np.ndarray
-    easing: float = FIRST_EASING
+    easing: float = SETTINGS.first_easing
     noise: np.ndarray | None = None
     covariance: np.ndarray | None = None
     cloud: Cloud | None = None
@@ -75,7 +89,7 @@ class Refinement:
         self.rough = rough
         self.rollouts = np.zeros(pairs, dtype=np.int64)
         points, features = signature.trajectory_shape
-        self._steps = np.maximum(SHORTEST_STEP, signature.space.steps)
+        self._steps = np.maximum(SETTINGS.shortest_step, signature.space.steps)
         self._scale = np.tile([f.scale for f in signature.features], points)
         size, d = len(signature.space), points * features
         self._pairs = [
@@ -133,7 +147,7 @@ class Refinement:
     def _open(self) -> list[tuple[int, _Pair]]:
         """Pairs whose newest round leaves a residual, but those known to be noisy."""
         descended = [(k, p) for k, p in enumerate(self._pairs) if p.cloud is None]
-        return [(k, p) for k, p in descended if _rms(p.measured[-1] - p.outputs[-1]) > FLOOR]
+        return [(k, p) for k, p in descended if _rms(p.measured[-1] - p.outputs[-1]) > SETTINGS.floor]
 
     def _begin(self, means: np.ndarray, precisions: list[np.ndarray]) -> None:
         """Open pairs begin where the newest round is explained best: at what they had, at the prior's mean, or at one
@@ -168,25 +182,25 @@ class Refinement:
             if _cost(p.measured - outputs) < _cost(self._linearised(p)[0]):
                 p.x, p.outputs = x, outputs
                 p.points = np.repeat(x[None], len(outputs), axis=0)
-                p.easing = FIRST_EASING
+                p.easing = SETTINGS.first_easing
 
     def _is_surprise(self, p: _Pair) -> bool:
         """Whether the newest round leaves more than the rounds before it do."""
         residual, _ = self._linearised(p)
-        return len(residual) == 1 or _rms(residual[-1]) > SURPRISE * _rms(residual[:-1])
+        return len(residual) == 1 or _rms(residual[-1]) > SETTINGS.surprise * _rms(residual[:-1])
 
     def _left_open(self, p: _Pair) -> list[np.ndarray]:
         """Points (p,) about the estimate, as far off in each direction as the rounds before the newest let them."""
         residual, j = self._linearised(p)
-        information = _information(j[:-1], np.maximum(FLOOR, self._spread(residual[:-1])))
+        information = _information(j[:-1], np.maximum(SETTINGS.floor, self._spread(residual[:-1])))
         return _spread_out(p.x, information, seed=len(p.points))
 
     # --- the descent ---
 
     def _descend(self, means: np.ndarray, precisions: list[np.ndarray]) -> None:
         """Try Gauss-Newton steps of all open pairs at once, until each is done or has had its trials."""
-        running = {k: FAILURES for k, _ in self._open()}
-        for _ in range(ROUGH_TRIALS if self.rough else TRIALS):
+        running = {k: SETTINGS.failures for k, _ in self._open()}
+        for _ in range(SETTINGS.rough_trials if self.rough else SETTINGS.trials):
             trials = []
             for k in running:
                 p = self._pairs[k]
@@ -205,24 +219,24 @@ class Refinement:
                 if worst is not None:
                     running[k] -= 1
                     failed.append((k, worst))
-                if not running[k] or _rms(p.measured - p.outputs) <= FLOOR:
+                if not running[k] or _rms(p.measured - p.outputs) <= SETTINGS.floor:
                     del running[k]
             self._differentiate([(k, worst) for k, worst in failed if k in running])
 
     def _step(
-        self, p: _Pair, mean: np.ndarray, precision: np.ndarray, longest: float = LONGEST_STEP
+        self, p: _Pair, mean: np.ndarray, precision: np.ndarray, longest: float = SETTINGS.longest_step
     ) -> tuple[np.ndarray, bool]:
         """Where the linearised rounds and the prior want to go, and whether to try it before believing it."""
         residual, j = self._linearised(p)
         low, high = np.maximum(-p.x, -longest), np.minimum(1 - p.x, longest)
-        p.noise = np.maximum(FLOOR, p.easing * self._spread(residual))
+        p.noise = np.maximum(SETTINGS.floor, p.easing * self._spread(residual))
         for _ in range(2):  # what the first step would leave is noise to the second
             hessian = _information(j, p.noise) + precision
             pull = np.einsum("n,ndp,nd->p", p.noise**-2.0, j, residual) + precision @ (mean - p.x)
             step = box_step(hessian, pull, low, high)
             p.noise = np.maximum(p.noise, self._spread(residual - j @ step))
-        curvature = _information(j, np.maximum(FLOOR, self._spread(residual))) + precision
-        return np.clip(p.x + step, 0, 1), float(np.sqrt(step @ curvature @ step)) > SMALL_STEP
+        curvature = _information(j, np.maximum(SETTINGS.floor, self._spread(residual))) + precision
+        return np.clip(p.x + step, 0, 1), float(np.sqrt(step @ curvature @ step)) > SETTINGS.small_step
 
     def _judge(self, p: _Pair, x, outputs, mean, precision) -> int | None:
         """Take the trial at x if it is better, learn from it in any case; returns the round that needs fresh
@@ -246,17 +260,17 @@ class Refinement:
         if gained > 0:
             p.x, p.outputs = x, outputs
             p.points = np.repeat(x[None], len(outputs), axis=0)
-        if gain < POOR_GAIN:
-            p.easing = min(MOST_EASING, 3 * p.easing)
-        elif gain > GOOD_GAIN:
-            p.easing = max(LEAST_EASING, p.easing / 3)
-        return int(np.argmax(missed)) if gain < POOR_GAIN else None
+        if gain < SETTINGS.poor_gain:
+            p.easing = min(SETTINGS.most_easing, 3 * p.easing)
+        elif gain > SETTINGS.good_gain:
+            p.easing = max(SETTINGS.least_easing, p.easing / 3)
+        return int(np.argmax(missed)) if gain < SETTINGS.poor_gain else None
 
     def _settle(self, p: _Pair, mean: np.ndarray, precision: np.ndarray) -> None:
         """Where nothing is left to explain, directions that no round shows go to the prior."""
         x, _ = self._step(p, mean, precision, longest=1.0)
         residual, j = self._linearised(p)
-        if _rms(residual - j @ (x - p.x)) <= max(FLOOR, _rms(residual)):
+        if _rms(residual - j @ (x - p.x)) <= max(SETTINGS.floor, _rms(residual)):
             p.x = x
 
     def _linearised(self, p: _Pair) -> tuple[np.ndarray, np.ndarray]:
@@ -276,7 +290,7 @@ class Refinement:
         spread of the rounds' gradients tells (Liang and Zeger 1986).
         """
         residual, j = self._linearised(p)
-        noise = np.maximum(ROUGHNESS, self._spread(residual))
+        noise = np.maximum(CLOUD.roughness, self._spread(residual))
         inverse = np.linalg.inv(_information(j, noise) + precision)
         rounds = len(residual)
         if rounds == 1:
@@ -294,7 +308,7 @@ class Refinement:
         """
         for _, p in self._open():
             residual, _ = self._linearised(p)
-            if len(residual) >= NOISY_ROUNDS and np.median(_rms(residual, axis=1)) > NOISY:
+            if len(residual) >= SETTINGS.noisy_rounds and np.median(_rms(residual, axis=1)) > SETTINGS.noisy:
                 p.cloud = Cloud.about(p.x, p.covariance, residual.shape[1])
         clouds = {k: p.cloud for k, p in enumerate(self._pairs) if p.cloud}
         measured = {k: self._pairs[k].measured for k in clouds}
@@ -346,10 +360,10 @@ def _corrected(j: np.ndarray, move: np.ndarray, change: np.ndarray) -> np.ndarra
     What an output did not depend on at all it is not said to depend on now (Schubert 1970): a wall that was not hit
     would else seem to be known.
     """
-    moved = np.where(np.abs(j) > NO_SENSITIVITY, move, 0.0)
+    moved = np.where(np.abs(j) > SETTINGS.no_sensitivity, move, 0.0)
     length = np.square(moved).sum(axis=1)
-    off = np.where(length > SHORTEST_STEP**2, change - j @ move, 0.0)
-    return j + off[:, None] * moved / np.maximum(length, SHORTEST_STEP**2)[:, None]
+    off = np.where(length > SETTINGS.shortest_step**2, change - j @ move, 0.0)
+    return j + off[:, None] * moved / np.maximum(length, SETTINGS.shortest_step**2)[:, None]
 
 
 def _information(j: np.ndarray, noise: np.ndarray) -> np.ndarray:
@@ -358,31 +372,31 @@ def _information(j: np.ndarray, noise: np.ndarray) -> np.ndarray:
 
 
 def _precision(covariance: np.ndarray) -> np.ndarray:
-    """Inverse of a covariance (p, p) in the unit cube, its spread in any direction at most LARGEST_SD."""
+    """Inverse of a covariance (p, p) in the unit cube, its spread in any direction at most `largest_sd`."""
     values, vectors = np.linalg.eigh(covariance)
-    return (vectors / np.clip(values, FLOOR**2, LARGEST_SD**2)) @ vectors.T
+    return (vectors / np.clip(values, SETTINGS.floor**2, SETTINGS.largest_sd**2)) @ vectors.T
 
 
 def _spread_out(x: np.ndarray, information: np.ndarray, seed: int) -> list[np.ndarray]:
-    """SCREENED points of the unit cube about x (p,), two standard deviations off at most; none where that is near."""
+    """`screened` points of the unit cube about x (p,), two standard deviations off at most; none where that is near."""
     values, directions = np.linalg.eigh(information)
     reach = np.minimum(2 / np.sqrt(np.maximum(values, 1e-12)), 1.0)
-    if reach.max() < OPEN:
+    if reach.max() < SETTINGS.open:
         return []
     generator = np.random.default_rng(seed)
-    strata = np.array([generator.permutation(SCREENED) for _ in reach]) + 0.5
-    off = directions @ (reach[:, None] * (2 * strata / SCREENED - 1))
+    strata = np.array([generator.permutation(SETTINGS.screened) for _ in reach]) + 0.5
+    off = directions @ (reach[:, None] * (2 * strata / SETTINGS.screened - 1))
     return list(np.clip(x + off.T, 0, 1))
 
 
 def _at_distance(precision: np.ndarray, off: np.ndarray) -> np.ndarray:
     """The precision (p, p) of a Student t where one is `off` its mean (p,): it gives way to what is far from it."""
-    return precision * min(1.0, (TAILS + len(off)) / (TAILS + off @ precision @ off))
+    return precision * min(1.0, (SETTINGS.tails + len(off)) / (SETTINGS.tails + off @ precision @ off))
 
 
 def _unknown(p: _Pair) -> np.ndarray:
     """The newest rounds without sensitivities: this one, and those that showed no residual when they were new."""
-    return np.flatnonzero(np.isnan(p.sensitivities[:, 0, 0]))[-MOST_UNKNOWN:]
+    return np.flatnonzero(np.isnan(p.sensitivities[:, 0, 0]))[-SETTINGS.most_unknown :]
 
 
 def _cost(residual: np.ndarray) -> float:

@@ -30,16 +30,22 @@ from capture_cli.context.identifiers._transformer import (
 from capture_cli.context.identifiers.base import Rounds, Signature
 from capture_cli.errors import FitError
 
-CLIP = 1.0  # norm of the gradient
-SPREAD_WEIGHT = 0.01  # of its likelihood beside the squared error
-BETAS = (0.9, 0.95)
-LAST_RATE = 0.01  # of the learning rate, at the last step
-FITTED_PAIRS = 16384  # to fit the normalisation and the family to
-EVALUATED_PAIRS = 4096  # held out at most, so that an evaluation stays cheap
-EVALUATION_BATCH = 512
-COVERED = 0.95  # of the truths, by 1.96 standard deviations
-NORMAL_QUANTILE = 1.959964
-SMALLEST_FACTOR = 0.01  # a few pairs may be hit exactly, which promises nothing
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    clip: float = 1.0  # norm of the gradient
+    spread_weight: float = 0.01  # of its likelihood beside the squared error
+    betas: tuple[float, float] = (0.9, 0.95)
+    last_rate: float = 0.01  # of the learning rate, at the last step
+    fitted_pairs: int = 16384  # to fit the normalisation and the family to
+    evaluated_pairs: int = 4096  # held out at most, so that an evaluation stays cheap
+    evaluation_batch: int = 512
+    covered: float = 0.95  # of the truths, by 1.96 standard deviations
+    normal_quantile: float = 1.959964
+    smallest_factor: float = 0.01  # a few pairs may be hit exactly, which promises nothing
+
+
+SETTINGS = TrainingSettings()
 
 
 @dataclass(frozen=True)
@@ -62,12 +68,12 @@ class Settings:
         return max(1, self.steps // self.evaluations)
 
     def rate(self, step: int) -> float:
-        """The learning rate of the step (from 0): linear warm-up, then half a cosine down to LAST_RATE."""
+        """The learning rate of the step (from 0): linear warm-up, then half a cosine down to `last_rate`."""
         if step < self.warmup:
             return self.learning_rate * (step + 1) / self.warmup
         share = (step - self.warmup) / max(1, self.steps - self.warmup)
         return self.learning_rate * (
-            LAST_RATE + (1 - LAST_RATE) * (1 + math.cos(math.pi * min(share, 1))) / 2
+            SETTINGS.last_rate + (1 - SETTINGS.last_rate) * (1 + math.cos(math.pi * min(share, 1))) / 2
         )
 
 
@@ -109,9 +115,9 @@ class Trainer:
         self.architecture = architecture
         self.settings = settings
         self.device = device
-        held_out = min(max(2, round(settings.validation * pairs)), EVALUATED_PAIRS, pairs // 2)
+        held_out = min(max(2, round(settings.validation * pairs)), SETTINGS.evaluated_pairs, pairs // 2)
         self.trained_pairs = pairs - held_out
-        fitted = read(0, min(FITTED_PAIRS, self.trained_pairs))
+        fitted = read(0, min(SETTINGS.fitted_pairs, self.trained_pairs))
         self.held_out = read(self.trained_pairs, pairs)
         self._fitted = fitted
         self.normalisation = Normalisation.fitted(signature, fitted)
@@ -164,7 +170,7 @@ class Trainer:
         labels = self._labels(answers)
         self.optimizer.zero_grad(set_to_none=True)
         self._objective(outputs, labels).mean().backward()
-        torch.nn.utils.clip_grad_norm_(self.transformer.parameters(), CLIP)
+        torch.nn.utils.clip_grad_norm_(self.transformer.parameters(), SETTINGS.clip)
         self.optimizer.step()
         self._summed += self._loss(outputs, labels)
         self._counted += 1
@@ -195,7 +201,7 @@ class Trainer:
             return negative_log_likelihood(outputs, labels, detach_mean=False)
         spread = negative_log_likelihood(outputs, labels, detach_mean=True)
         # the two share no weights; but the norm that gradients are clipped to, of which the spread may not take much
-        return squared_error(outputs, labels) + SPREAD_WEIGHT * spread
+        return squared_error(outputs, labels) + SETTINGS.spread_weight * spread
 
     def _optimizer(self) -> torch.optim.AdamW:
         decayed = [p for p in self.transformer.parameters() if p.ndim >= 2]
@@ -204,7 +210,7 @@ class Trainer:
             {"params": decayed, "weight_decay": self.settings.weight_decay},
             {"params": others, "weight_decay": 0.0},
         ]
-        return torch.optim.AdamW(groups, lr=self.settings.learning_rate, betas=BETAS)
+        return torch.optim.AdamW(groups, lr=self.settings.learning_rate, betas=SETTINGS.betas)
 
     # --- evaluation ---
 
@@ -249,8 +255,8 @@ class Trainer:
         self.transformer.eval()
         errors, sds, likelihoods = [], [], []
         with torch.inference_mode():
-            for i in range(0, len(rounds), EVALUATION_BATCH):
-                part = slice(i, i + EVALUATION_BATCH)
+            for i in range(0, len(rounds), SETTINGS.evaluation_batch):
+                part = slice(i, i + SETTINGS.evaluation_batch)
                 outputs, labels = self._forward(rounds.pairs(part)), self._labels(answers[part])
                 errors.append(_array(labels - outputs.mean.clamp(0, 1)))
                 covariance = covariances(_array(outputs.whitening))
@@ -265,10 +271,13 @@ class Trainer:
         """The best weights as a model, and how it did on the pairs that chose nothing."""
         self._load(self.best_network)
         chosen, reported = self._halves()
-        factor = np.quantile(np.abs(self._judge(chosen).scaled), COVERED, axis=0) / NORMAL_QUANTILE
-        factor = np.maximum(factor, SMALLEST_FACTOR)
+        factor = (
+            np.quantile(np.abs(self._judge(chosen).scaled), SETTINGS.covered, axis=0)
+            / SETTINGS.normal_quantile
+        )
+        factor = np.maximum(factor, SETTINGS.smallest_factor)
         judged = self._judge(reported)
-        error, covered = judged.error, np.abs(judged.scaled / factor) <= NORMAL_QUANTILE
+        error, covered = judged.error, np.abs(judged.scaled / factor) <= SETTINGS.normal_quantile
         names = self.signature.space.names
         report = {
             "steps": self.step,

@@ -19,15 +19,16 @@ import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
-from capture_cli.context.identifiers._architecture import (
-    FIRST_SD,
-    LARGEST_SD,
-    OVERSHOOT,
-    SMALLEST_SD,
-    Architecture,
-)
+from capture_cli.context.identifiers._architecture import SETTINGS as ARCHITECTURE
+from capture_cli.context.identifiers._architecture import Architecture
 
-INITIAL_SD = 0.02
+
+@dataclass(frozen=True)
+class TransformerSettings:
+    initial_sd: float = 0.02
+
+
+SETTINGS = TransformerSettings()
 
 
 @dataclass(frozen=True)
@@ -114,12 +115,12 @@ class Transformer(nn.Module):
     def _initialise(self) -> None:
         for module in self.modules():
             if isinstance(module, nn.Linear | nn.Embedding):
-                nn.init.normal_(module.weight, std=INITIAL_SD)
+                nn.init.normal_(module.weight, std=SETTINGS.initial_sd)
             if isinstance(module, nn.Linear):
                 nn.init.zeros_(module.bias)
         for block in self.blocks:
             for last in (block.attention_out, block.perceptron_out):
-                nn.init.normal_(last.weight, std=INITIAL_SD / math.sqrt(2 * len(self.blocks)))
+                nn.init.normal_(last.weight, std=SETTINGS.initial_sd / math.sqrt(2 * len(self.blocks)))
 
     def forward(self, inputs: Inputs, *, own_spread: bool = True, low_precision: bool = False) -> Outputs:
         """What follows each round of `inputs`.
@@ -157,15 +158,15 @@ class Transformer(nn.Module):
         return functional.dropout(tokens.flatten(1, 2), a.dropout, self.training)
 
     def _mean(self, last: Tensor, inputs: Inputs) -> Tensor:
-        raw = OVERSHOOT * torch.tanh(self.mean_head(last))
+        raw = ARCHITECTURE.overshoot * torch.tanh(self.mean_head(last))
         return (inputs.parameters + 1) / 2 + raw if self.architecture.residual else (1 + raw) / 2
 
     def _whitening(self, last: Tensor) -> Tensor:
         size = self.architecture.parameters
         raw = self.spread_head(last)
         # an sd is bounded smoothly, so that no gradient dies at a bound
-        low, high = math.log(SMALLEST_SD), math.log(LARGEST_SD)
-        first = math.log((math.log(FIRST_SD) - low) / (high - math.log(FIRST_SD)))
+        low, high = math.log(ARCHITECTURE.smallest_sd), math.log(ARCHITECTURE.largest_sd)
+        first = math.log((math.log(ARCHITECTURE.first_sd) - low) / (high - math.log(ARCHITECTURE.first_sd)))
         log_sd = low + (high - low) * torch.sigmoid(raw[..., :size] + first)
         diagonal = torch.diag_embed(torch.exp(-log_sd))
         rows, columns = torch.tril_indices(size, size, offset=-1, device=raw.device)

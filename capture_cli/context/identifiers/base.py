@@ -23,7 +23,13 @@ from capture_cli.model.tasks.base import ActionTask, Feature
 # diverged (simulation,): `Simulator.trajectories`
 Simulate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
-MOST_NAMED = 3  # differences of one kind
+
+@dataclass(frozen=True)
+class BaseSettings:
+    most_named: int = 3  # differences of one kind
+
+
+SETTINGS = BaseSettings()
 
 
 @dataclass(frozen=True)
@@ -92,10 +98,10 @@ class Signature:
 
 
 def _unlike(what: str, mine: Sequence[str], theirs: Sequence[str]) -> list[str]:
-    """The line that says in what two lists of names differ, the first MOST_NAMED; none where they are alike."""
+    """The line that says in what two lists of names differ, the first `most_named`; none where they are alike."""
     pairs = [f"{a}, and here {b}" for a, b in zip_longest(mine, theirs, fillvalue="none") if a != b]
-    more = f"; and {len(pairs) - MOST_NAMED} more" if len(pairs) > MOST_NAMED else ""
-    return [f"{what}: {'; '.join(pairs[:MOST_NAMED])}{more}"] if pairs else []
+    more = f"; and {len(pairs) - SETTINGS.most_named} more" if len(pairs) > SETTINGS.most_named else ""
+    return [f"{what}: {'; '.join(pairs[: SETTINGS.most_named])}{more}"] if pairs else []
 
 
 def _range(p: Parameter) -> str:

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.context.identifiers.base import RoundIdentifier, finite
 from capture_cli.estimate.solve.base import Identifier
 from capture_cli.estimate.solve.linearization import Evidence, Trial
 
-WEIGHT_SD = 1e-3  # of a feature's scale: what weighs features against each other
-EFFORT = 20  # ask / tell of the fit in a round, at most
-REMEMBERED = 10  # rounds that are fitted: more cost more, and ten actions tell what can be told
-SCREENED_ROUNDS = 2  # first rounds, in which a fit begins at several places
+
+@dataclass(frozen=True)
+class RefittedSettings:
+    weight_sd: float = 1e-3  # of a feature's scale: what weighs features against each other
+    effort: int = 20  # ask / tell of the fit in a round, at most
+    remembered: int = 10  # rounds that are fitted: more cost more, and ten actions tell what can be told
+    screened_rounds: int = 2  # first rounds, in which a fit begins at several places
+
+
+SETTINGS = RefittedSettings()
 
 
 class Refitted(RoundIdentifier):
@@ -27,7 +35,7 @@ class Refitted(RoundIdentifier):
         super().__init__(signature, start, **options)
         if self.simulate is None:
             raise ValueError(f"{type(self).__name__} runs simulations of its own: give it `simulate`")
-        self.noise_sd = WEIGHT_SD * np.array([f.scale for f in signature.features])
+        self.noise_sd = SETTINGS.weight_sd * np.array([f.scale for f in signature.features])
         self._best = self.start.copy()
         self._actions: list[np.ndarray] = []
         self._measured: list[np.ndarray] = []
@@ -42,8 +50,8 @@ class Refitted(RoundIdentifier):
 
     def tell(self, actions, simulated, measured) -> None:
         self.round += 1
-        self._actions = [*self._actions, actions][-REMEMBERED:]
-        self._measured = [*self._measured, measured][-REMEMBERED:]
+        self._actions = [*self._actions, actions][-SETTINGS.remembered :]
+        self._measured = [*self._measured, measured][-SETTINGS.remembered :]
         actions, measured = np.stack(self._actions, axis=1), np.stack(self._measured, axis=1)
         fits = self._fits = [self._fit(pair, measured[pair]) for pair in range(len(measured))]
         while going := [pair for pair, fit in enumerate(fits) if not fit.done]:
@@ -66,13 +74,13 @@ class Refitted(RoundIdentifier):
             np.zeros((len(measured), 0)),
         )
         before = self._fits[pair]
-        carried_on = None if before is None else before.carried_on(evidence, EFFORT)
+        carried_on = None if before is None else before.carried_on(evidence, SETTINGS.effort)
         return carried_on or self.method(
             evidence,
             start=self._best[pair],
             seed=self.seed + pair,
-            rounds=EFFORT,
-            starts=3 if self.round <= SCREENED_ROUNDS else 1,
+            rounds=SETTINGS.effort,
+            starts=3 if self.round <= SETTINGS.screened_rounds else 1,
         )
 
     def _evaluate(self, trials: list[Trial], actions: np.ndarray, pairs: list[int]):

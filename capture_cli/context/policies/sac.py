@@ -6,6 +6,7 @@ Trained by `capture_cli.context.policies._sac_training`; acting needs numpy only
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from statistics import mode
 
@@ -15,7 +16,13 @@ from capture_cli.common.named_arrays import check_shapes
 from capture_cli.context.policies.base import Policy, Trainer
 from capture_cli.model.effects.ranges import NO_EFFECTS
 
-BLOCK = 1024  # rows at once: bounds memory
+
+@dataclass(frozen=True)
+class SacSettings:
+    block: int = 1024  # rows at once: bounds memory
+
+
+SETTINGS = SacSettings()
 
 
 class Sac(Policy):
@@ -79,8 +86,8 @@ class Sac(Policy):
     def _best(self, parameters: np.ndarray) -> np.ndarray:
         """The actor's most likely actions (row, action)."""
         coordinates = self.task.space.to_unit(parameters)
-        blocks = range(0, max(1, len(coordinates)), BLOCK)
-        chosen = np.concatenate([self._forward(coordinates[i : i + BLOCK]) for i in blocks])
+        blocks = range(0, max(1, len(coordinates)), SETTINGS.block)
+        chosen = np.concatenate([self._forward(coordinates[i : i + SETTINGS.block]) for i in blocks])
         return self.task.actions.from_unit((chosen + 1) / 2)
 
     def _forward(self, values: np.ndarray) -> np.ndarray:

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 
 import numpy as np
 
-ALPHA = 5.0  # shape of the symmetric Beta; 5 keeps samples off the bracket's ends
+
+@dataclass(frozen=True)
+class BaseSettings:
+    alpha: float = 5.0  # shape of the symmetric Beta; 5 keeps samples off the bracket's ends
+
+
+SETTINGS = BaseSettings()
 
 
 class Search(ABC):
@@ -18,7 +25,7 @@ class Search(ABC):
     summary: str
     takes_alpha = False
 
-    def __init__(self, alpha: float = ALPHA):
+    def __init__(self, alpha: float = SETTINGS.alpha):
         self.alpha = alpha
 
     def walk(

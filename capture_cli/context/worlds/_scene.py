@@ -5,6 +5,8 @@ The model of the plant is part of the scene as it stands, and stepped with its o
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 # patches robosuite, and says so where it is missing: before anything of it is imported
 
 # isort: split
@@ -23,7 +25,15 @@ from capture_cli.context.worlds._gymnasium import GymnasiumEnvironment
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.model.tasks.base import ActionTask
 
-TABLE_TOP = 0.8  # m
+
+@dataclass(frozen=True)
+class SceneSettings:
+    table_top: float = 0.8  # m
+
+
+SETTINGS = SceneSettings()
+
+
 DRIVERS = ("arm", "servos")
 
 
@@ -71,7 +81,7 @@ class Scene(ManipulationEnv):
         super()._load_model()
         robot = self.robots[0].robot_model
         robot.set_base_xpos(robot.base_xpos_offset["table"](self.table_size[0]))
-        arena = TableArena(table_full_size=self.table_size, table_offset=(0, 0, TABLE_TOP))
+        arena = TableArena(table_full_size=self.table_size, table_offset=(0, 0, SETTINGS.table_top))
         arena.set_origin([0, 0, 0])
         plant = MujocoXML(str(self.plant.model_path))
         arena.worldbody.append(self.standing(plant))

@@ -9,6 +9,8 @@ the scene as it stands, and stepped with its options, so that a mallet that move
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 # patches robosuite, and says so where it is missing: before anything of it is imported
 
 # isort: split
@@ -21,12 +23,20 @@ import numpy as np
 from robosuite.controllers import load_composite_controller_config
 from robosuite.models.base import MujocoXML
 
-from capture_cli.context.worlds._scene import TABLE_TOP, Scene, check_rate
+from capture_cli.context.worlds._scene import SETTINGS as SCENE
+from capture_cli.context.worlds._scene import Scene, check_rate
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks.air_hockey import AirHockey
 
-RINK = (0.12, 0.0, 0.05)  # m, of the plant's origin from the middle of the table's top
-REACH = 0.15  # m, that one action can send the hand away at most: the stroke is ahead of the arm by less
+
+@dataclass(frozen=True)
+class AirHockeySettings:
+    rink: tuple[float, ...] = (0.12, 0.0, 0.05)  # m, of the plant's origin from the middle of the table's top
+    # m, that one action can send the hand away at most: the stroke is ahead of the arm by less
+    reach: float = 0.15
+
+
+SETTINGS = AirHockeySettings()
 
 
 class TableAirHockey(Scene):
@@ -83,7 +93,7 @@ class TableAirHockey(Scene):
 
     def standing(self, plant: MujocoXML) -> ElementTree.Element:
         """The rink, and a knob to hold the mallet by."""
-        middle = (x + y for x, y in zip(RINK, (0, 0, TABLE_TOP), strict=True))
+        middle = (x + y for x, y in zip(SETTINGS.rink, (0, 0, SCENE.table_top), strict=True))
         rink = ElementTree.Element("body", name="rink", pos=" ".join(map(str, middle)))
         rink.extend(part for part in plant.worldbody if part.tag in ("geom", "body"))
         mallet = rink.find("body[@name='mallet']")
@@ -182,6 +192,6 @@ def _controller(robot: str) -> dict:
     config = load_composite_controller_config(robot=robot)
     for part in config["body_parts"].values():
         if "output_max" in part:
-            part["output_max"] = [REACH] * 3 + part["output_max"][3:]
-            part["output_min"] = [-REACH] * 3 + part["output_min"][3:]
+            part["output_max"] = [SETTINGS.reach] * 3 + part["output_max"][3:]
+            part["output_min"] = [-SETTINGS.reach] * 3 + part["output_min"][3:]
     return config

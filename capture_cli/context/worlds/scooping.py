@@ -9,6 +9,8 @@ scene as it stands, and stepped with its options, so that a spatula that moves a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 # patches robosuite, and says so where it is missing: before anything of it is imported
 
 # isort: split
@@ -20,13 +22,23 @@ import mujoco
 import numpy as np
 from robosuite.models.base import MujocoXML
 
-from capture_cli.context.worlds._scene import TABLE_TOP, Scene, check_rate
+from capture_cli.context.worlds._scene import SETTINGS as SCENE_SETTINGS
+from capture_cli.context.worlds._scene import Scene, check_rate
 from capture_cli.model.tasks._scooping import SETTINGS as SCOOPING
 from capture_cli.model.tasks._scooping import lift_height
 from capture_cli.model.tasks.scooping import Scooping
 
 SCENE = Path(__file__).with_name("scooping_scene.xml")
-RACK_HEIGHT = 0.12  # m, of the rod's underside above the table
+
+
+@dataclass(frozen=True)
+class ScoopingSettings:
+    rack_height: float = 0.12  # m, of the rod's underside above the table
+
+
+SETTINGS = ScoopingSettings()
+
+
 # The plant's x axis points to the right of a robot that faces the table, its y axis away from it.
 RACK_TURN = "0.70710678118654757 0 0 -0.70710678118654757"
 
@@ -78,7 +90,9 @@ class ObjectScooping(Scene):
 
     def standing(self, plant: MujocoXML) -> ElementTree.Element:
         """The rack with rod and spatula, and what the scene has of them beyond the plant."""
-        rack = ElementTree.Element("body", name="rack", pos=f"0 0 {TABLE_TOP + RACK_HEIGHT}", quat=RACK_TURN)
+        rack = ElementTree.Element(
+            "body", name="rack", pos=f"0 0 {SCENE_SETTINGS.table_top + SETTINGS.rack_height}", quat=RACK_TURN
+        )
         scene = MujocoXML(str(SCENE))
         for body in plant.worldbody.findall("body"):
             beyond = scene.worldbody.find(f"body[@name='{body.get('name')}']")

@@ -17,7 +17,6 @@ from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
 AXES = ("x", "y", "z")
-MOST = 0.8  # of what stands on the springs: a base of a quarter of what moves on it
 
 
 @dataclass(frozen=True)
@@ -25,6 +24,7 @@ class BaseComplianceSettings:
     agitated: float = 5.0  # m/s^2: accelerations of the centre of mass, commonly within
     seen: float = 1e-6  # of all mass, per m/s, or per rad/s at 1 m
     poses: int = 4  # in which it is looked at whether the machine can push its base along an axis
+    most: float = 0.8  # of what stands on the springs: a base of a quarter of what moves on it
 
 
 SETTINGS = BaseComplianceSettings()
@@ -86,7 +86,7 @@ class BaseCompliance(VibrationEffect):
 
     @property
     def parameters(self):
-        return (Parameter("mobility", "1", 0.0, MOST, 0.0), *self.swinging)
+        return (Parameter("mobility", "1", 0.0, SETTINGS.most, 0.0), *self.swinging)
 
     def force(self, values, timestep, *, states=None, **_):
         begins = self.begins(values, states, SETTINGS.agitated * values[:, 0])

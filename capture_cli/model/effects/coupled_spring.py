@@ -15,13 +15,12 @@ from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 
-MOST = 2.0  # levers of joints that follow each other are about as long
-
 
 @dataclass(frozen=True)
 class CoupledSpringSettings:
     # times what is characteristic of the joint, in N or N m, where it is farthest from 0
     stiffest: float = 5.0
+    most: float = 2.0  # levers of joints that follow each other are about as long
 
 
 SETTINGS = CoupledSpringSettings()
@@ -64,7 +63,7 @@ class CoupledSpring(JointEffect):
         turns = self.model.jnt_type[self._joints[1]] == HINGE
         unit = "1" if turns == self.is_hinge else "m" if turns else "1/m"
         here, there = (self._farthest(k) for k in range(2))
-        most = MOST if turns == self.is_hinge else MOST * here / there
+        most = SETTINGS.most if turns == self.is_hinge else SETTINGS.most * here / there
         stiffest = SETTINGS.stiffest * self.characteristic_force / here
         return (
             Parameter("stiffness", self.unit("N/m", "N m/rad"), 0.0, stiffest, 0.0),

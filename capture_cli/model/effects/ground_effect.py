@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -13,7 +15,17 @@ from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
-LARGEST, SMALLEST = 2.0, 0.01  # radius: of the machine's size; and m, for a machine of any size
+
+@dataclass(frozen=True)
+class GroundEffectSettings:
+    # radius: of the machine's size; and m, for a machine of any size
+    largest: float = 2.0
+    smallest: float = 0.01
+
+
+SETTINGS = GroundEffectSettings()
+
+
 MOST = 0.5  # of R / (4 z): nearer to the floor than half a radius nobody measured the law, and it has a pole
 TOUCHING = 1e-9  # m
 STEEPEST = np.cos(np.pi / 4)  # of a floor, its normal along what is up
@@ -58,7 +70,9 @@ class GroundEffect(Effect):
         super().__init__(model, site)
         self.rotors, self.floors = _rotors(model), _floors(model)
         self.at = model.actuator_trnid[self.rotors, 0]  # sites
-        self.largest = max(LARGEST * max(_size(model, rotor) for rotor in self.at), SMALLEST)
+        self.largest = max(
+            SETTINGS.largest * max(_size(model, rotor) for rotor in self.at), SETTINGS.smallest
+        )
 
     @classmethod
     def sites(cls, model):

@@ -20,12 +20,10 @@ from capture_cli.model.world import World
 class InternalMomentumSettings:
     # rad/s: nutation, the momentum inside over the inertia of a free body, or over the largest that a chain turns
     fastest: float = 10.0
+    parallel: float = 1e-6  # of axes, as a sine
 
 
 SETTINGS = InternalMomentumSettings()
-
-
-PARALLEL = 1e-6  # of axes, as a sine
 
 
 def gyroscopic_force(qvel, qacc, axes, frame, *, momentum, timestep):
@@ -98,7 +96,7 @@ def _turning(model: mujoco.MjModel) -> dict[int, list[int]]:
         if not turns[first : first + model.body_dofnum[body]].any():
             continue  # it turns with the body that carries it, which is the place
         dofs = [d for d in _chain(model, body) if turns[d]]
-        if np.linalg.matrix_rank(axes[dofs], tol=PARALLEL) > 1:
+        if np.linalg.matrix_rank(axes[dofs], tol=SETTINGS.parallel) > 1:
             found[body] = dofs
     return found
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.model.effects._joint_force import ForceOfKernel, JointForce
@@ -10,7 +12,13 @@ from capture_cli.model.effects._two_mass import MOST_SHARE
 from capture_cli.model.effects._vibration import Vibration, VibrationEffect
 from capture_cli.model.parameters import Parameter
 
-MOST = 0.8  # of what the joint moves
+
+@dataclass(frozen=True)
+class LooseMassSettings:
+    most: float = 0.8  # of what the joint moves
+
+
+SETTINGS = LooseMassSettings()
 
 
 class Oscillator(Vibration):
@@ -56,7 +64,7 @@ class LooseMass(VibrationEffect, JointForce):
     @property
     def parameters(self):
         return (
-            Parameter("mass", self.unit("kg", "kg m^2"), 0.0, MOST * self.total, 0.0),
+            Parameter("mass", self.unit("kg", "kg m^2"), 0.0, SETTINGS.most * self.total, 0.0),
             *self.swinging,
         )
 

@@ -19,12 +19,12 @@ from capture_cli.model.parameters import Parameter
 @dataclass(frozen=True)
 class MassChangeSettings:
     usual: float = 20.0  # s, that an episode takes where no log says
+    most: float = 0.8  # of the mass, that an episode adds or takes away
 
 
 SETTINGS = MassChangeSettings()
 
 
-MOST = 0.8  # of the mass, that an episode adds or takes away
 SCALED = ("body_mass", "body_inertia")
 
 
@@ -53,7 +53,7 @@ class MassChange(Effect):
 
     @property
     def parameters(self):
-        most = MOST / (self.longest or SETTINGS.usual)
+        most = SETTINGS.most / (self.longest or SETTINGS.usual)
         return (Parameter("rate", "1/s", -most, most, 0.0),)
 
     def force(self, values, timestep, *, began=0.0, **_):

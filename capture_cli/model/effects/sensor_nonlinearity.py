@@ -10,13 +10,14 @@ from capture_cli.model.effects._places import site_id
 from capture_cli.model.effects._sensor_effect import NumberEffect, quantity
 from capture_cli.model.parameters import Parameter
 
-MOST = 0.1  # of the largest number, that each power adds there: the reading still grows, by half as much at least
 LEAST_SLOPE = 0.25  # of the reading: where it grows less it is not undone
 
 
 @dataclass(frozen=True)
 class SensorNonlinearitySettings:
     inversions: int = 30  # Newton steps
+    # of the largest number, that each power adds there: the reading still grows, by half as much at least
+    most: float = 0.1
 
 
 SETTINGS = SensorNonlinearitySettings()
@@ -56,7 +57,7 @@ class SensorNonlinearity(NumberEffect):
         largest, unit = self._largest or self.quantity.size, self.quantity.unit
         unit = f"({unit})" if set(unit) & set(" /^") else unit
         units = ("1", "1") if unit == "1" else (f"1/{unit}", f"1/{unit}^2")
-        most = MOST / largest, MOST / largest**2
+        most = SETTINGS.most / largest, SETTINGS.most / largest**2
         return tuple(
             Parameter(name, per, -end, end, 0.0)
             for name, per, end in zip(("quadratic", "cubic"), units, most, strict=True)

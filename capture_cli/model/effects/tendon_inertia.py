@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -9,7 +11,14 @@ from capture_cli.model.effects._tendon_effect import TendonEffect, moving_dofs, 
 from capture_cli.model.effects.base import raised
 
 GEOMS = [int(w) for w in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)]
-MOST = 2.0  # times the inertia that the tendon moves
+
+
+@dataclass(frozen=True)
+class TendonInertiaSettings:
+    most: float = 2.0  # times the inertia that the tendon moves
+
+
+SETTINGS = TendonInertiaSettings()
 
 
 class TendonInertia(TendonEffect):
@@ -33,7 +42,7 @@ class TendonInertia(TendonEffect):
     @property
     def parameters(self):
         own = float(self.model.tendon_armature[self.tendon])
-        return (self.added("armature", self.unit("kg", "kg m^2"), own, MOST * self.inertia),)
+        return (self.added("armature", self.unit("kg", "kg m^2"), own, SETTINGS.most * self.inertia),)
 
     def write(self, fields, values):
         armature = fields["tendon_armature"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 
 from capture_cli.model.effects._kernel import Companion, call
@@ -11,7 +13,13 @@ from capture_cli.model.effects._places import reference, site_id
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.parameters import Parameter
 
-MOST = 0.7  # of each amplitude: both together stay below 1, where the force would change its sign
+
+@dataclass(frozen=True)
+class TorqueRippleSettings:
+    most: float = 0.7  # of each amplitude: both together stay below 1, where the force would change its sign
+
+
+SETTINGS = TorqueRippleSettings()
 
 
 class TorqueRipple(OnJoint, AlongPosition):
@@ -33,8 +41,8 @@ class TorqueRipple(OnJoint, AlongPosition):
     @property
     def parameters(self):
         return (
-            Parameter("sine", "1", -MOST, MOST, 0.0),
-            Parameter("cosine", "1", -MOST, MOST, 0.0),
+            Parameter("sine", "1", -SETTINGS.most, SETTINGS.most, 0.0),
+            Parameter("cosine", "1", -SETTINGS.most, SETTINGS.most, 0.0),
             self.period,
         )
 
