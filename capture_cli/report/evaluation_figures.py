@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from capture_cli.report.figure_parts import MUTED, new_figure, restrain, save, title
+from capture_cli.store.evaluation import EvaluationRecord
 
 OURS, PAPER = "#1f6391", "#c8430a"
 OTHERS = ("#1b7a4a", "#7546b8", "#b98a1d", "#5c6772", "#b0476a", "#3d8f96", "#8c959e", "#8a6d1f")
@@ -31,56 +32,57 @@ SETTINGS = EvaluationFiguresSettings()
 
 def write_figures(document: Mapping[str, Any], folder: Path) -> list[Path]:
     """Write parameter_difference.png, trajectory_difference.png, cost.png and, where there is one, success.png."""
+    record = EvaluationRecord.of(document)
     drawings = {
-        "parameter_difference": partial(_parameters, document),
-        "trajectory_difference": partial(_single, document, _trajectory),
-        "cost": partial(_single, document, _cost),
+        "parameter_difference": partial(_parameters, record),
+        "trajectory_difference": partial(_single, record, _trajectory),
+        "cost": partial(_single, record, _cost),
     }
-    if all(e["success"] is not None for e in document["identifiers"].values()):
-        drawings["success"] = partial(_single, document, _success)
+    if all(e["success"] is not None for e in record.identifiers.values()):
+        drawings["success"] = partial(_single, record, _success)
     return save(drawings, folder)
 
 
-def _parameters(document: Mapping[str, Any]) -> Figure:
-    names = document["parameters"]
+def _parameters(record: EvaluationRecord) -> Figure:
+    names = record.parameters
     rows = -(-len(names) // SETTINGS.columns)
     figure = new_figure(0.9 + 2.6 * rows)
     axes = figure.subplots(
         rows, min(SETTINGS.columns, len(names)), squeeze=False, sharex=True, sharey=True
     ).ravel()
     for axis, name in zip(axes, names, strict=False):
-        for label, e, look in _looks(document):
+        for label, e, look in _looks(record):
             axis.plot(e["parameter_difference"][name], label=label, **look)
         title(axis, name)
         _frame(axis, "normalised difference")
     for axis in axes[len(names) :]:
         axis.set_visible(False)
-    return _finished(figure, document)
+    return _finished(figure, record)
 
 
-def _single(document: Mapping[str, Any], draw: Callable[[Axes, Mapping[str, Any]], None]) -> Figure:
+def _single(record: EvaluationRecord, draw: Callable[[Axes, Mapping[str, Any]], None]) -> Figure:
     figure = new_figure(4.2)
-    draw(figure.subplots(), document)
-    return _finished(figure, document)
+    draw(figure.subplots(), record)
+    return _finished(figure, record)
 
 
-def _trajectory(axis: Axes, document: Mapping[str, Any]) -> None:
-    for label, e, look in _looks(document):
+def _trajectory(axis: Axes, record: EvaluationRecord) -> None:
+    for label, e, look in _looks(record):
         mean, sd = np.array(e["trajectory_difference"]), np.array(e["trajectory_difference_sd"])
         axis.plot(mean, label=label, **look)
         axis.fill_between(np.arange(len(mean)), mean - sd, mean + sd, color=look["color"], alpha=0.12, lw=0)
     _frame(axis, "trajectory difference")
 
 
-def _success(axis: Axes, document: Mapping[str, Any]) -> None:
-    for label, e, look in _looks(document):
+def _success(axis: Axes, record: EvaluationRecord) -> None:
+    for label, e, look in _looks(record):
         axis.plot(e["success"], label=label, **look)
     axis.set_ylim(-0.02, 1.02)
     _frame(axis, "success")
 
 
-def _cost(axis: Axes, document: Mapping[str, Any]) -> None:
-    for label, e, look in _looks(document):
+def _cost(axis: Axes, record: EvaluationRecord) -> None:
+    for label, e, look in _looks(record):
         spent = np.array(e["simulated_rollouts"][1:])
         axis.loglog(
             spent, np.maximum(e["parameter_difference"]["mean"][1:], SETTINGS.smallest), label=label, **look
@@ -97,17 +99,17 @@ def _frame(axis: Axes, what: str) -> None:
         axis.set_ylim(bottom=min(0, axis.get_ylim()[0]))
 
 
-def _looks(document: Mapping[str, Any]):
+def _looks(record: EvaluationRecord):
     """(label, entry of evaluation.json, look of its line): solid, and dashed for ablations, as in the paper."""
-    others = iter(OTHERS * (1 + len(document["identifiers"]) // len(OTHERS)))
-    for label, e in document["identifiers"].items():
+    others = iter(OTHERS * (1 + len(record.identifiers) // len(OTHERS)))
+    for label, e in record.identifiers.items():
         ablation = "(" in label
         color = {"capture": PAPER, "capture-refined": OURS}.get(label) or next(others)
         yield label, e, {"color": color, "lw": 1.5, "ls": (0, (4, 2)) if ablation else "-"}
 
 
-def _finished(figure: Figure, document: Mapping[str, Any]) -> Figure:
-    handles = [Line2D([], [], label=label, **look) for label, _, look in _looks(document)]
+def _finished(figure: Figure, record: EvaluationRecord) -> Figure:
+    handles = [Line2D([], [], label=label, **look) for label, _, look in _looks(record)]
     look = {"frameon": False, "fontsize": 9, "labelcolor": MUTED}
     figure.legend(handles=handles, loc="outside upper left", ncols=SETTINGS.legend_columns, **look)
     return figure

@@ -15,6 +15,7 @@ from rich.table import Table
 from capture_cli.common.quantities import MISSING, significant
 from capture_cli.model.effects.placed import placed_name
 from capture_cli.report import paper_numbers
+from capture_cli.store.evaluation import EvaluationRecord
 
 
 @dataclass(frozen=True)
@@ -39,19 +40,20 @@ class Rows:
 
 def tables(document: Mapping[str, Any]) -> list[Rows]:
     """The tables of evaluation.json `document`."""
-    found = [_trajectories(document), _parameters(document)]
-    if len(document["parameters"]) > 1:
-        found.append(_each_parameter(document))
-    if all(e["success"] is not None for e in document["identifiers"].values()):
-        found.append(_success(document))
-    if any(e.get("paired") for e in document["identifiers"].values()):
-        found.append(_paired(document))
-    return [*found, _cost(document)]
+    record = EvaluationRecord.of(document)
+    found = [_trajectories(record), _parameters(record)]
+    if len(record.parameters) > 1:
+        found.append(_each_parameter(record))
+    if all(e["success"] is not None for e in record.identifiers.values()):
+        found.append(_success(record))
+    if any(e.get("paired") for e in record.identifiers.values()):
+        found.append(_paired(record))
+    return [*found, _cost(record)]
 
 
 def print_evaluation(document: Mapping[str, Any], console: Console, out_path: Path) -> None:
     """Print the tables of evaluation.json `document`, written to the directory `out_path`."""
-    console.print(_heading(document), style="dim")
+    console.print(_heading(EvaluationRecord.of(document)), style="dim")
     for rows in tables(document):
         blocks = list(_blocks(rows, console.width))
         for number, columns in enumerate(blocks):
@@ -94,21 +96,22 @@ def print_suite(document: Mapping[str, Any], console: Console, out_path: Path) -
 
 def markdown(document: Mapping[str, Any], title: str | None = None) -> str:
     """The tables as a page."""
-    title = title or f"Evaluation on {document['task']}"
-    lines = [f"# {escape(title, quote=False)}", "", f"{escape(_heading(document), quote=False)}.", ""]
+    record = EvaluationRecord.of(document)
+    title = title or f"Evaluation on {record.task}"
+    lines = [f"# {escape(title, quote=False)}", "", f"{escape(_heading(record), quote=False)}.", ""]
     for rows in tables(document):
         lines += [f"## {rows.title}", "", f"{escape(rows.note, quote=False)}.", "", _line(rows.header)]
         lines += [f"|---|{'---:|' * (len(rows.header) - 1)}", *map(_line, rows.cells), ""]
-    if document["task"] in paper_numbers.SAID:
-        lines += [f"{paper_numbers.SAID[document['task']]}.", ""]
+    if record.task in paper_numbers.SAID:
+        lines += [f"{paper_numbers.SAID[record.task]}.", ""]
     return "\n".join(lines)
 
 
-def _heading(document: Mapping[str, Any]) -> str:
-    has = ", ".join(placed_name(row["name"], row["site"]) for row in document.get("effects", []))
+def _heading(record: EvaluationRecord) -> str:
+    has = ", ".join(placed_name(row["name"], row["site"]) for row in record.effects)
     return (
-        f"{document['task']}: {document['pairs']} pairs, {document['seeds']} seeds, {document['rounds']} rounds; "
-        f"policy {document['policy']}, noise {document['noise']}{f'; machines with {has}' * bool(has)}"
+        f"{record.task}: {record.pairs} pairs, {record.seeds} seeds, {record.rounds} rounds; "
+        f"policy {record.policy}, noise {record.noise}{f'; machines with {has}' * bool(has)}"
     )
 
 
@@ -117,22 +120,22 @@ def _line(cells: Sequence[str]) -> str:
     return f"| {' | '.join(escape(cell, quote=False).replace('|', '&#124;') for cell in cells)} |"
 
 
-def _trajectories(document: Mapping[str, Any]) -> Rows:
-    rounds, at = document["table_rounds"], _at(document, SETTINGS.ratio_round)
+def _trajectories(record: EvaluationRecord) -> Rows:
+    rounds, at = record.table_rounds, _at(record, SETTINGS.ratio_round)
     cells = []
-    for label, e in document["identifiers"].items():
+    for label, e in record.identifiers.items():
         ours = [_of_several(e["trajectory_difference"][r], e["trajectory_difference_sd"][r]) for r in rounds]
         cells.append((label, *ours, *([significant(e["ratio"][at], 2)] if e["ratio"] else [])))
-        paper = paper_numbers.trajectory_difference(document["task"], document["noise"], e)
+        paper = paper_numbers.trajectory_difference(record.task, record.noise, e)
         if paper:
             theirs = [_spread(*paper[r], digits=2) if r in paper else MISSING for r in rounds]
             cells.append(("  in the paper", *theirs, *([_paper_ratio(paper, at)] if e["ratio"] else [])))
-    ratio = [f"ratio at {at}"] if document["yardstick"] else []
+    ratio = [f"ratio at {at}"] if record.yardstick else []
     note = "Sum over the points of the distance, after so many rounds"
-    if document["seeds"] > 1:
+    if record.seeds > 1:
         note += "; mean ± sd of the seeds"
     if ratio:
-        note += f". Ratio: to {document['yardstick']}"
+        note += f". Ratio: to {record.yardstick}"
     if any(c[0] == "  in the paper" for c in cells):
         note += f". Paper: {paper_numbers.SOURCE}"
     return Rows("Trajectory difference", note, ("identifier", *map(str, rounds), *ratio), cells)
@@ -145,42 +148,42 @@ def _paper_ratio(paper: Mapping[int, tuple[float, float]], at: int) -> str:
     return significant(paper[at][0] / yardstick[at][0], 2) if at in paper else MISSING
 
 
-def _parameters(document: Mapping[str, Any]) -> Rows:
-    shown = [0, 1, 2, 3, 5, _at(document, SETTINGS.parameter_round), *document["table_rounds"]]
-    shown = sorted(r for r in set(shown) if r <= document["rounds"])
+def _parameters(record: EvaluationRecord) -> Rows:
+    shown = [0, 1, 2, 3, 5, _at(record, SETTINGS.parameter_round), *record.table_rounds]
+    shown = sorted(r for r in set(shown) if r <= record.rounds)
     cells = [
         (label, *(significant(e["parameter_difference"]["mean"][r], 2) for r in shown))
-        for label, e in document["identifiers"].items()
+        for label, e in record.identifiers.items()
     ]
     note = "Mean of |estimate - truth| over the parameter's range, after so many rounds"
     return Rows("Parameter difference", note, ("identifier", *map(str, shown)), cells)
 
 
-def _each_parameter(document: Mapping[str, Any]) -> Rows:
-    at, names = _at(document, SETTINGS.parameter_round), document["parameters"]
+def _each_parameter(record: EvaluationRecord) -> Rows:
+    at, names = _at(record, SETTINGS.parameter_round), record.parameters
     cells = [
         (label, *(significant(e["parameter_difference"][name][at], 2) for name in names))
-        for label, e in document["identifiers"].items()
+        for label, e in record.identifiers.items()
     ]
     note = f"|estimate - truth| over the parameter's range, after {at} rounds"
     return Rows("Parameter by parameter", note, ("identifier", *names), cells)
 
 
-def _success(document: Mapping[str, Any]) -> Rows:
-    shown = sorted({r for r in (0, 1, 2, 3, 4, 5, 7, *document["table_rounds"]) if r <= document["rounds"]})
+def _success(record: EvaluationRecord) -> Rows:
+    shown = sorted({r for r in (0, 1, 2, 3, 4, 5, 7, *record.table_rounds) if r <= record.rounds})
     cells = [
-        (label, *(f"{e['success'][r]:.3f}" for r in shown), f"{min(e['success'][_at(document, 5) :]):.3f}")
-        for label, e in document["identifiers"].items()
+        (label, *(f"{e['success'][r]:.3f}" for r in shown), f"{min(e['success'][_at(record, 5) :]):.3f}")
+        for label, e in record.identifiers.items()
     ]
     note = "Share of the pairs in which the action chosen for the estimate succeeds, after so many rounds"
-    lowest = f"lowest from {_at(document, 5)}"
+    lowest = f"lowest from {_at(record, 5)}"
     return Rows("Success", note, ("identifier", *map(str, shown), lowest), cells)
 
 
-def _paired(document: Mapping[str, Any]) -> Rows:
-    shown = sorted({r for r in (1, 2, 3, *document["table_rounds"]) if r <= document["rounds"]})
-    compared = {label: e["paired"] for label, e in document["identifiers"].items() if e.get("paired")}
-    ours = next(label for label in document["identifiers"] if label not in compared)
+def _paired(record: EvaluationRecord) -> Rows:
+    shown = sorted({r for r in (1, 2, 3, *record.table_rounds) if r <= record.rounds})
+    compared = {label: e["paired"] for label, e in record.identifiers.items() if e.get("paired")}
+    ours = next(label for label in record.identifiers if label not in compared)
     cells = []
     for label, c in compared.items():
         counts = [f"{c['nearer'][r]} / {c['as_near'][r]} / {c['further'][r]}" for r in shown]
@@ -193,16 +196,16 @@ def _paired(document: Mapping[str, Any]) -> Rows:
     return Rows("Pair by pair", note, (f"{ours} against", *map(str, shown)), cells)
 
 
-def _cost(document: Mapping[str, Any]) -> Rows:
-    rounds = document["table_rounds"]
-    with_coverage = any(e["coverage"] for e in document["identifiers"].values())
+def _cost(record: EvaluationRecord) -> Rows:
+    rounds = record.table_rounds
+    with_coverage = any(e["coverage"] for e in record.identifiers.values())
     cells = []
-    for label, e in document["identifiers"].items():
+    for label, e in record.identifiers.items():
         row = [label, *(f"{e['simulated_rollouts'][r]:.0f}" for r in rounds)]
         if with_coverage:
-            row.append(f"{e['coverage'][_at(document, 10) - 1]:.3f}" if e["coverage"] else MISSING)
+            row.append(f"{e['coverage'][_at(record, 10) - 1]:.3f}" if e["coverage"] else MISSING)
         cells.append(tuple(row))
-    header = ("identifier", *map(str, rounds), *([f"cover at {_at(document, 10)}"] if with_coverage else []))
+    header = ("identifier", *map(str, rounds), *([f"cover at {_at(record, 10)}"] if with_coverage else []))
     note = "Simulated rollouts per pair, up to there; measured rollouts are one a round"
     if with_coverage:
         note += ". Cover: share of the truths in the 95 % intervals"
@@ -220,6 +223,6 @@ def _spread(mean: float, sd: float, digits: int | None = None) -> str:
     return f"{significant(mean, 3)} ± {significant(sd, 2)}"
 
 
-def _at(document: Mapping[str, Any], number: int) -> int:
+def _at(record: EvaluationRecord, number: int) -> int:
     """The round `number`, or the last one."""
-    return min(number, document["rounds"])
+    return min(number, record.rounds)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from capture_cli.store.document_shape import COUNT, EFFECTS, NUMBER, NUMBERS, TEXT, or_none
-from capture_cli.store.result import Result
+from capture_cli.store.result import Keys, Result, Row, Rows
 from capture_cli.store.schema import ArraySpec, Schema
 
 FORMAT = "capture/evaluation"
@@ -123,6 +124,23 @@ SCHEMA = Schema(
     cure_for_other_version=_CURE,
     earlier=EARLIER,
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationRecord(Keys):
+    """evaluation.json, as reports read it."""
+
+    task: str
+    pairs: int
+    seeds: int
+    rounds: int
+    policy: str
+    noise: str
+    parameters: Sequence[str]
+    table_rounds: Sequence[int]
+    yardstick: str | None
+    identifiers: Rows
+    effects: Sequence[Row] = ()
 
 
 class Evaluation(Result):

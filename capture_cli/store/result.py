@@ -32,7 +32,17 @@ SETTINGS = ResultSettings()
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record:
+class Keys:
+    """What is read of a JSON document, by its keys."""
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> Self:
+        """Of the document, which may have other keys besides."""
+        return cls(**{f.name: document[f.name] for f in fields(cls) if f.name in document})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record(Keys):
     """What reports read of the JSON document of an estimate or a diagnosis, by its keys; the meaning of each is in
     docs/schemas.md. None is what an earlier version did not write.
     """
@@ -56,11 +66,6 @@ class Record:
     verdict: str | None = None
     summary: str | None = None
     lack_of_fit: Row | None = None
-
-    @classmethod
-    def of(cls, document: Mapping[str, Any]) -> Self:
-        """Of the document, which may have other keys besides."""
-        return cls(**{f.name: document[f.name] for f in fields(cls) if f.name in document})
 
 
 @dataclass(frozen=True)
