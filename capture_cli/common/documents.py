@@ -31,7 +31,7 @@ class DocumentsSettings:
     largest: float = 1e15
     largest_whole: int = 2**63  # below it, as TOML says and arrays hold
     most_digits: int = 19  # of such a number
-    shown: int = 40  # characters of a key in a message
+    shown: int = 40  # characters, in a message, of a key or a value
 
 
 SETTINGS = DocumentsSettings()

@@ -25,6 +25,8 @@ SETTINGS = QuantitiesSettings()
 _PREFIXABLE = re.compile(r"(m|rad|s|N|V|A|W|J|Pa|Hz)(?![\w^²³*])")
 _PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"))
 
+NORMAL_QUANTILE = 1.959964  # standard deviations to either side, of an interval that covers 95 %
+
 
 def scaled_unit(unit: str, magnitude: float | None) -> tuple[float, str]:
     """(factor, unit to show) that bring a value of about `magnitude`, in `unit`, to 0.1 or more.

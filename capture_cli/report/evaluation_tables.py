@@ -15,6 +15,7 @@ from rich.table import Table
 from capture_cli.common.quantities import MISSING, significant
 from capture_cli.model.effects.placed import placed_name
 from capture_cli.report import paper_numbers
+from capture_cli.report.terminal import SETTINGS as TERMINAL
 from capture_cli.store.evaluation import EvaluationRecord
 
 
@@ -22,7 +23,6 @@ from capture_cli.store.evaluation import EvaluationRecord
 class EvaluationTablesSettings:
     parameter_round: int = 7  # where the paper's text compares parameter differences
     ratio_round: int = 10
-    column_gap: int = 3  # characters between two columns at the terminal
 
 
 SETTINGS = EvaluationTablesSettings()
@@ -72,7 +72,7 @@ def print_evaluation(document: Mapping[str, Any], console: Console, out_path: Pa
 def _blocks(rows: Rows, width: int) -> Iterator[list[int]]:
     """Columns that have room beside each other in `width` characters, after the first one, which all begin with."""
     widths = [
-        max(map(len, column)) + SETTINGS.column_gap for column in zip(rows.header, *rows.cells, strict=True)
+        max(map(len, column)) + TERMINAL.column_gap for column in zip(rows.header, *rows.cells, strict=True)
     ]
     block, used = [0], widths[0]
     for k in range(1, len(widths)):

@@ -48,7 +48,7 @@ class TerminalSettings:
     most_named: int = 2
     short: int = 2
     mark: int = 9  # characters, of the words that open its lines
-    column_gap: int = 3  # characters
+    column_gap: int = 3  # characters between two columns
 
 
 SETTINGS = TerminalSettings()

@@ -12,15 +12,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.errors import StoreError
-
-
-@dataclass(frozen=True)
-class DocumentShapeSettings:
-    shown: int = 40  # characters of what was found
-
-
-SETTINGS = DocumentShapeSettings()
 
 
 @dataclass(frozen=True)
@@ -114,6 +107,6 @@ def _faults_of_keys(value: dict[str, Any], shape: dict[str, Any], name: str) -> 
 
 def _unlike(value: Any, expected: str, name: str) -> str:
     found = repr(value)
-    if len(found) > SETTINGS.shown:
-        found = f"{found[: SETTINGS.shown - 3]}..."
+    if len(found) > DOCUMENTS.shown:
+        found = f"{found[: DOCUMENTS.shown - 3]}..."
     return f"{name or 'it'} is {found}; expected {expected}"

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.common.quantities import NORMAL_QUANTILE
+
 
 @dataclass(frozen=True)
 class EvaluationSummarySettings:
     table_rounds: tuple[int, ...] = (5, 10, 15, 20, 30)  # the paper's, Table II
     as_near: float = 1e-3  # of the range: differences below this are none
-    normal_quantile: float = 1.959964  # of a 95 % interval
 
 
 SETTINGS = EvaluationSummarySettings()
@@ -89,7 +90,7 @@ def _coverage(sd: np.ndarray, error: np.ndarray) -> list[float] | None:
     """
     if np.isnan(sd[:, :, 1:]).any():
         return None
-    return six_digits((error[:, :, 1:] <= SETTINGS.normal_quantile * sd[:, :, 1:]).mean(axis=(0, 1, 3)))
+    return six_digits((error[:, :, 1:] <= NORMAL_QUANTILE * sd[:, :, 1:]).mean(axis=(0, 1, 3)))
 
 
 def _sd(of_seeds: np.ndarray) -> np.ndarray:

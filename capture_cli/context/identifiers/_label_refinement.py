@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.quantities import NORMAL_QUANTILE
 from capture_cli.context.identifiers._learned import Prediction
 from capture_cli.context.identifiers.base import Rounds, Signature, Simulate, finite
 
@@ -26,7 +27,6 @@ class LabelRefinementSettings:
     negligible: float = 1e-3  # share of the posterior, in all, that is not looked at
     as_good: float = 1 - 1e-9  # stretches that hold this much of the most are as good
     covered: float = 0.95
-    normal_quantile: float = 1.959964
     halvings: int = 20  # of the range, until an interval is known
 
 
@@ -72,7 +72,7 @@ class LabelRefinement:
         self._weigh(asked, actions, measured)
         cumulative = np.cumsum(self._posterior(), axis=1)
         estimate = self._fullest(cumulative)
-        sd = _half_width(cumulative, estimate) / SETTINGS.normal_quantile * space.span
+        sd = _half_width(cumulative, estimate) / NORMAL_QUANTILE * space.span
         return Prediction(space.from_unit(estimate[:, None]), np.square(sd)[:, None, None])
 
     def recall(self, earlier: Rounds) -> None:

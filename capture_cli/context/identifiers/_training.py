@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from capture_cli.common.named_arrays import by_part
+from capture_cli.common.quantities import NORMAL_QUANTILE
 from capture_cli.context.identifiers._batches import Batches, Place, Read, windows
 from capture_cli.context.identifiers._family import Family
 from capture_cli.context.identifiers._learned import LearnedIdentifier, TrainedModel, covariances
@@ -41,7 +42,6 @@ class TrainingSettings:
     evaluated_pairs: int = 4096  # held out at most, so that an evaluation stays cheap
     evaluation_batch: int = 512
     covered: float = 0.95  # of the truths, by 1.96 standard deviations
-    normal_quantile: float = 1.959964
     smallest_factor: float = 0.01  # a few pairs may be hit exactly, which promises nothing
 
 
@@ -271,13 +271,10 @@ class Trainer:
         """The best weights as a model, and how it did on the pairs that chose nothing."""
         self._load(self.best_network)
         chosen, reported = self._halves()
-        factor = (
-            np.quantile(np.abs(self._judge(chosen).scaled), SETTINGS.covered, axis=0)
-            / SETTINGS.normal_quantile
-        )
+        factor = np.quantile(np.abs(self._judge(chosen).scaled), SETTINGS.covered, axis=0) / NORMAL_QUANTILE
         factor = np.maximum(factor, SETTINGS.smallest_factor)
         judged = self._judge(reported)
-        error, covered = judged.error, np.abs(judged.scaled / factor) <= SETTINGS.normal_quantile
+        error, covered = judged.error, np.abs(judged.scaled / factor) <= NORMAL_QUANTILE
         names = self.signature.space.names
         report = {
             "steps": self.step,
