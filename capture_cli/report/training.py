@@ -12,14 +12,16 @@ from rich.console import Console
 from rich.table import Table
 
 from capture_cli.report.figure_parts import INK, MUTED, PALETTE, RULE, new_figure, save
+from capture_cli.store.trained import TrainedIdentifier, TrainedPolicy
 
 
 def print_training(document: Mapping[str, Any], console: Console, out: Path) -> None:
     """Print identifier.json `document`, written to the directory `out`: errors on pairs that were held out."""
-    result, architecture, asked = document["result"], document["architecture"], document["training"]["steps"]
-    early = f", where it stopped: nothing gained in {document['training']['patience']} evaluations"
+    trained = TrainedIdentifier.of(document)
+    result, asked = trained.result, trained.training["steps"]
+    early = f", where it stopped: nothing gained in {trained.training['patience']} evaluations"
     console.print(
-        f"{out}: {document['identifier']} for {document['task']}, window {architecture['window']}; "
+        f"{out}: {trained.identifier} for {trained.task}, window {trained.architecture['window']}; "
         f"the weights of step {result['best_step']} of {result['steps']}{early if result['steps'] < asked else ''}",
         soft_wrap=True,
     )
@@ -61,13 +63,14 @@ def write_identifier_figure(
 
 def print_policy(document: Mapping[str, Any], console: Console, out: Path) -> None:
     """Print policy.json `document`, written to the directory `out`, beside the random policy."""
-    result = document["result"]
+    trained = TrainedPolicy.of(document)
+    result = trained.result
     console.print(
-        f"{out}: {document['policy']} for {document['task']}; judged on {result['episodes']} unseen parameter sets",
+        f"{out}: {trained.policy} for {trained.task}; judged on {result['episodes']} unseen parameter sets",
         soft_wrap=True,
     )
     table = Table("policy", "success", "reward", box=box.SIMPLE_HEAD)
-    for name, row in ((document["policy"], result), ("random", result["random"])):
+    for name, row in ((trained.policy, result), ("random", result["random"])):
         table.add_row(name, f"{row['success']:.1%}", f"{row['reward']:.3f}")
     console.print(table)
 
