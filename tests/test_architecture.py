@@ -51,6 +51,9 @@ ALGORITHMS = (
 )
 MOST_FILES = 25  # of a folder that is no registry of plug-ins
 LONGEST_CAPTION = 10  # lines of what a folder is for
+MOST_ARGUMENTS = 6  # of a function, besides self
+MANY_ARGUMENTS = 18  # functions that have more: fewer is better, more is not
+MOST_NUMBERS = 60  # constants of modules, outside of settings: versions, codes, and numbers of kernels
 HEAVY = ("torch", "robosuite", "ray", "plotly", "matplotlib", "pyarrow", "scipy", "zarr", "mujoco")
 
 MODULES = sorted(
@@ -204,3 +207,41 @@ def test_a_wheel_holds_what_is_no_module():
         own = patterns["*"] + patterns.get(".".join(package.relative_to(PACKAGE.parent).parts), [])
         fits = [p for p in own if inside.match(p) and len(Path(p).parts) == len(inside.parts)]
         assert fits, f"{inside} of {package.name} is in no wheel"
+
+
+def trees():
+    """The syntax of every module, by its name."""
+    return {
+        m: ast.parse(PACKAGE.joinpath(*m.split(".")).with_suffix(".py").read_text(encoding="utf-8"))
+        for m in MODULES
+    }
+
+
+def test_functions_take_few_arguments():
+    many = set()
+    for module, tree in trees().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef):
+                own = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+                if len([a for a in own if a.arg not in ("self", "cls")]) > MOST_ARGUMENTS:
+                    many.add(f"{module}.{node.name}")
+    assert len(many) <= MANY_ARGUMENTS, sorted(many)
+
+
+def test_numbers_stand_in_settings():
+    loose = []
+    for module, tree in trees().items():
+        for node in tree.body:
+            if isinstance(node, ast.Assign):
+                values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+                loose += [f"{module}:{node.lineno}" for value in values if is_number(value)]
+    assert len(loose) <= MOST_NUMBERS, loose
+
+
+def is_number(node: ast.expr) -> bool:
+    """Whether it is written as a number, or worked out from numbers."""
+    if isinstance(node, ast.UnaryOp):
+        return is_number(node.operand)
+    if isinstance(node, ast.BinOp):
+        return is_number(node.left) and is_number(node.right)
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
