@@ -49,7 +49,7 @@ from capture_cli.select.rejection import slight
 from capture_cli.select.residual_curves import SETTINGS as RESIDUAL_CURVES
 from capture_cli.select.residual_curves import accelerations, curve, largest_around, residual_curves
 from capture_cli.select.score import score
-from capture_cli.select.search import SETTINGS as SEARCH
+from capture_cli.select.search import MOST_EFFECTS
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose, diagnose_prepared
 from capture_cli.stages.identify import identify
@@ -783,7 +783,7 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
         progress = Progress("diagnose", "model", quiet=True)
         return diagnose_prepared(prepared, arm.space.nominal, settings, progress).document
 
-    document, one = found(SEARCH.most_effects), found(1)
+    document, one = found(MOST_EFFECTS), found(1)
     times = {e["site"]: e["parameters"]["time_constant"]["value"] for e in document["effects"]}
     assert {e["name"] for e in document["effects"]} == {"control-lag"}
     assert times == {"shoulder": pytest.approx(0.03, rel=0.1), "elbow": pytest.approx(0.05, rel=0.1)}

@@ -24,7 +24,6 @@ from machines import (
     start,
 )
 from scipy.linalg import expm
-from setting_numbers import set_numbers
 
 from capture_cli.errors import ModelError
 from capture_cli.estimate.initial_states.from_outputs import model_starts
@@ -126,7 +125,7 @@ def test_a_batch_in_chunks_is_its_simulations_one_by_one(name, monkeypatch):
     where, effect = placed(name)[-1]
     values = np.stack([away(effect, part) for part in (0.1, 0.4, 0.7)])
     alone = np.concatenate([run(machine(where), (effect, row[None]))[0] for row in values])
-    set_numbers(monkeypatch, engine_module, chunk_simulations=2)
+    monkeypatch.setattr(engine_module, "CHUNK_SIMULATIONS", 2)
     batch, _ = run(machine(where), (effect, values), count=3)
     assert np.array_equal(batch, alone)
 

@@ -8,7 +8,6 @@ import sys
 import mujoco
 import numpy as np
 import pytest
-from setting_numbers import set_numbers
 
 from capture_cli.model.fields import ModelFields, model_field
 from capture_cli.model.states import Starts
@@ -301,14 +300,14 @@ def test_forces_add_up(model, starts, controls):
 def test_chunks_do_not_change_results(model, starts, controls, fields, damped, monkeypatch, forced):
     options = {"fields": fields, "forces": [drag(damped[0])] if forced else [], "states": True}
     whole = rollout(model, starts, controls, **options)
-    set_numbers(monkeypatch, engine_module, chunk_simulations=3)
+    monkeypatch.setattr(engine_module, "CHUNK_SIMULATIONS", 3)
     parts = rollout(model, starts, controls, **options)
     for name in ("sensors", "qpos", "qvel", "diverged"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name), err_msg=name)
 
 
 def test_long_rollouts_are_chunked_by_memory(model, monkeypatch):
-    set_numbers(monkeypatch, engine_module, chunk_bytes=8 * STEPS * (model.nsensordata + model.nu + 1) * 2)
+    monkeypatch.setattr(engine_module, "CHUNK_BYTES", 8 * STEPS * (model.nsensordata + model.nu + 1) * 2)
     assert Engine(model)._chunk(STEPS) == 2
     assert Engine(model)._chunk(100 * STEPS) == 1
 

@@ -30,6 +30,7 @@ class FitSettings:
 
 
 SETTINGS = FitSettings()
+EXACT = SETTINGS.exact
 
 
 @dataclass(frozen=True, eq=False)

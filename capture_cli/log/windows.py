@@ -29,6 +29,7 @@ class WindowsSettings:
 
 
 SETTINGS = WindowsSettings()
+LEAD = SETTINGS.lead
 
 
 @dataclass(frozen=True)

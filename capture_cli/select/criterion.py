@@ -27,6 +27,8 @@ class CriterionSettings:
 
 
 SETTINGS = CriterionSettings()
+TINY = REGRESSION.tiny
+BLOCK_TIMES = SETTINGS.block_times
 
 
 @dataclass(frozen=True)

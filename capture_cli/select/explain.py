@@ -11,8 +11,7 @@ import numpy as np
 from capture_cli.errors import OutOfTime
 from capture_cli.estimate.checkpoint import Kept
 from capture_cli.estimate.difference_step import difference_step
-from capture_cli.estimate.fit import SETTINGS as FIT_SETTINGS
-from capture_cli.estimate.fit import Fit, least
+from capture_cli.estimate.fit import EXACT, Fit, least
 from capture_cli.estimate.held_out import held_out
 from capture_cli.estimate.initial_states.of_windows import as_acted, begins_as_acted
 from capture_cli.estimate.limits import with_limits
@@ -34,8 +33,7 @@ from capture_cli.select.expression import expression_terms
 from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.select.minima import minima
 from capture_cli.select.model_comparison import ModelComparison
-from capture_cli.select.search import SETTINGS as SEARCH
-from capture_cli.select.search import Attribution
+from capture_cli.select.search import MOST_EFFECTS, Attribution
 
 # what is tried, its number, of how many, what was found so far
 OnStep = Callable[[str, int, int, Sequence[str]], None]
@@ -49,7 +47,7 @@ class Settings:
     """
 
     starts: int = 3
-    most_effects: int = SEARCH.most_effects
+    most_effects: int = MOST_EFFECTS
     expression: bool = False
     seed: int = 0
     threads: int | None = None
@@ -172,7 +170,7 @@ class _Protocol:
             start if offsets is not None else self._nearer(start),
             offsets=offsets,
             starts=own.starts if self.balanced is None else 1,
-            tolerance=FIT_SETTINGS.exact,
+            tolerance=EXACT,
             seed=own.seed,
         )
         if declared is None:
@@ -288,7 +286,7 @@ class _Protocol:
             fit.point,
             near=fit,
             offsets=starts_found(self.parts, fit, judged),
-            tolerance=FIT_SETTINGS.exact,
+            tolerance=EXACT,
         )
 
     def _whole(self, fit: Fit, again: Fit | None) -> PartFit:

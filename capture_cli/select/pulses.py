@@ -26,6 +26,7 @@ class PulsesSettings:
 
 
 SETTINGS = PulsesSettings()
+MOST = SETTINGS.most
 
 
 class Pulses(JointEffect):

@@ -20,15 +20,9 @@ from capture_cli.model.mujoco_warnings import silence_mujoco
 from capture_cli.model.states import Starts
 from capture_cli.model.world import APPLIED, Force, World
 
-
-@dataclass(frozen=True)
-class EngineSettings:
-    # Working memory of one chunk of simulations: controls and recorded sensors.
-    chunk_bytes: int = 256 << 20
-    chunk_simulations: int = 8192
-
-
-SETTINGS = EngineSettings()
+# Working memory of one chunk of simulations: controls and recorded sensors.
+CHUNK_BYTES = 256 << 20
+CHUNK_SIMULATIONS = 8192
 
 
 STATES = ("qpos", "qvel", "act")
@@ -126,7 +120,7 @@ class Engine:
 
     def _chunk(self, steps: int) -> int:
         row_bytes = 8 * steps * (self.model.nsensordata + self.model.nu + 1)
-        return int(np.clip(SETTINGS.chunk_bytes // row_bytes, 1, SETTINGS.chunk_simulations))
+        return int(np.clip(CHUNK_BYTES // row_bytes, 1, CHUNK_SIMULATIONS))
 
     def _prepare(self, rows: np.ndarray, starts: Starts, fields: ModelFields | None) -> batch.Batch:
         # A batch costs a millisecond and is made anew: values of an earlier call cannot leak into this one.

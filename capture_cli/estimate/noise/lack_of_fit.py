@@ -30,6 +30,7 @@ class LackOfFitSettings:
 
 
 SETTINGS = LackOfFitSettings()
+NEAR_FLOOR = SETTINGS.near_floor
 
 
 @dataclass(frozen=True)

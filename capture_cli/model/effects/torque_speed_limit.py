@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.model.effects._joint_effect import JointEffect
@@ -15,16 +13,8 @@ from capture_cli.model.effects._places import reference, site_id
 from capture_cli.model.effects._scales import actuator_force_scale, actuator_force_unit
 from capture_cli.model.parameters import Parameter
 
-
-@dataclass(frozen=True)
-class TorqueSpeedLimitSettings:
-    largest: float = 4.0  # stall force, over what the actuator is commonly asked for
-    # speed without load, over the largest that is commonly seen
-    slowest: float = 0.3
-    fastest: float = 5.0
-
-
-SETTINGS = TorqueSpeedLimitSettings()
+LARGEST = 4.0  # stall force, over what the actuator is commonly asked for
+SLOWEST, FASTEST = 0.3, 5.0  # speed without load, over the largest that is commonly seen
 
 
 def motor_range(speed, *, stall, no_load_speed):
@@ -61,15 +51,11 @@ class TorqueSpeedLimit(OnJoint, JointEffect):
                 "stall",
                 actuator_force_unit(self.model, self.actuator),
                 0.05 * force,
-                SETTINGS.largest * force,
-                SETTINGS.largest * force,
+                LARGEST * force,
+                LARGEST * force,
             ),
             Parameter(
-                "no_load_speed",
-                self.unit("m/s", "rad/s"),
-                SETTINGS.slowest * speed,
-                SETTINGS.fastest * speed,
-                1.2 * speed,
+                "no_load_speed", self.unit("m/s", "rad/s"), SLOWEST * speed, FASTEST * speed, 1.2 * speed
             ),
         )
 
