@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 
 import numpy as np
 import pytest
+from setting_numbers import set_numbers
 from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectories
 
 from capture_cli.common.extras import missing
@@ -150,8 +150,7 @@ def test_an_identifier_of_logs_needs_a_simulator_in_rounds():
 
 def test_cma_es_keeps_its_state_over_rounds(monkeypatch):
     """Two rounds of few generations: a search that begins anew in the second forgets what the first was for."""
-    module = importlib.import_module("capture_cli.context.identifiers.refitted")
-    monkeypatch.setattr(module, "EFFORT", 6)
+    set_numbers(monkeypatch, "capture_cli.context.identifiers.refitted", effort=6)
     kept, target, simulator = walk("cma-es")
     monkeypatch.setattr(CmaEs, "carried_on", lambda *_: None)
     begun, _, spent = walk("cma-es")
