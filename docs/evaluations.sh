@@ -1,4 +1,4 @@
-#!/bin/sh
+#!/usr/bin/env bash
 # The commands behind docs/dev/evaluation.md: runs/evaluation, made again. Run those that you need.
 set -eu
 
@@ -13,25 +13,24 @@ capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --ident
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture-trajectory --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-noise
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier least-squares --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 5 --out runs/evaluation/air-hockey-fits
 
-# Equal data: everything that learns from the same 1,000 histories; then what searches in the simulator, by its rollouts.
+# Equal data: everything that learns has the same 1,000 histories.
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --pairs 1000 --seed 1 --out equal/air-hockey.zarr
 capture gen-histories --task scooping --policy runs/policies/scooping --pairs 1000 --seed 1 --out equal/scooping.zarr
-for identifier in capture:600 capture-trajectory:1000 capture-refined:600 expert-distillation:1500 expert-distillation-all-rounds:1500 tunenet:1500 tunenet-all-rounds:1500; do
-  capture train-sysid --histories equal/air-hockey.zarr --identifier "${identifier%:*}" --width 64 --batch 64 --steps "${identifier#*:}" --out "equal/air-hockey/${identifier%:*}"
+for identifier in capture-trajectory capture-refined expert-distillation expert-distillation-all-rounds tunenet tunenet-all-rounds; do
+  capture train-sysid --histories equal/air-hockey.zarr --identifier $identifier --width 64 --batch 64 --steps 600 --out equal/air-hockey/$identifier
 done
 for identifier in capture:1000 capture-trajectory:1000 capture-refined:800 expert-distillation:1000 expert-distillation-all-rounds:1000 tunenet:1000 tunenet-all-rounds:1000; do
   capture train-sysid --histories equal/scooping.zarr --identifier "${identifier%:*}" --width 32 --layers 2 --heads 2 --batch 64 --steps "${identifier#*:}" --out "equal/scooping/${identifier%:*}"
 done
-rows() {
+rows() { # TASK NAMES
   echo --identifier domain-randomization
-  for identifier in expert-distillation expert-distillation-all-rounds tunenet tunenet-all-rounds capture capture-trajectory; do
+  for identifier in expert-distillation expert-distillation-all-rounds tunenet tunenet-all-rounds "${@:2}"; do
     echo --identifier "equal/$1/$identifier"
   done
   echo --identifier "posterior=equal/$1/capture-refined" --identifier "equal/$1/capture-refined"
 }
-capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey $(rows air-hockey) --pairs 60 --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal
-capture eval-sim2sim --task scooping --policy runs/policies/scooping $(rows scooping) --seeds 1 --rounds 10 --out runs/evaluation/scooping-equal
-capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier compass --identifier least-squares --identifier cma-es --identifier equal/air-hockey/capture-refined --pairs 10 --seeds 1 --rounds 4 --out runs/evaluation/air-hockey-budget
+capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey $(rows air-hockey capture-trajectory) --pairs 30 --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal
+capture eval-sim2sim --task scooping --policy runs/policies/scooping $(rows scooping capture capture-trajectory) --seeds 1 --rounds 10 --out runs/evaluation/scooping-equal
 
 # k and L, each from 1536 histories; their checkpoints are not shipped.
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search randomized-binary --pairs 1536 --seed 1 --out ablations/randomized-binary.zarr

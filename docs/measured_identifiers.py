@@ -17,7 +17,7 @@ from capture_cli.store.evaluation import Evaluation
 
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "evaluation"
 ROUNDS = (1, 3, 5, 10, 20, 30)
-RATIO_ROUNDS = (5, 10, 20, 30)
+RATIO_ROUNDS = (10, 20, 30)
 BUDGETS = (10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # simulated rollouts
 OURS = "capture-refined"
 PAIRED = 10  # rounds at most that pairs are compared after

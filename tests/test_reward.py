@@ -89,6 +89,31 @@ def test_an_input_without_range_cannot_be_explored(tmp_path):
 
 
 @pytest.mark.usefixtures("learn")
+def test_a_reward_that_is_constant_is_refused(tmp_path):
+    task = cart(tmp_path, model=('ctrlrange="-15 15"', 'ctrlrange="-15 15" gear="0"'))
+    with pytest.raises(OptionError, match="each of 64 random episodes is worth"):
+        train_policy(task=task, out=tmp_path / "p", steps=64)
+    assert not (tmp_path / "p").exists()
+
+
+@pytest.mark.usefixtures("learn")
+def test_a_training_does_not_go_on_with_another_reward(tmp_path, monkeypatch):
+    task, out = cart(tmp_path), tmp_path / "p"
+    options = {"task": task, "out": out, "steps": 128, "envs": 32, "evaluations": 4, "threads": 1}
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("capture_cli.stages.train_policy._Run.finish", killed)
+        with pytest.raises(KeyboardInterrupt):
+            train_policy(**options)
+    cart(tmp_path, ("target = 0.1", "target = 0.05"))
+    with pytest.raises(OptionError, match="reward"):
+        train_policy(**options, resume=True)
+
+
+@pytest.mark.usefixtures("learn")
 def test_from_the_policy_of_ones_own_machine_to_its_evaluation(tmp_path):
     task, options = str(CART), {"threads": 1}
     made = train_policy(

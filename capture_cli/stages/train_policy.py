@@ -27,7 +27,7 @@ from capture_cli.context.policies.base import Policy, Trainer, TrainingSettings
 from capture_cli.context.torch_device import torch_device
 from capture_cli.errors import OptionError
 from capture_cli.model.effects.ranges import EffectRanges
-from capture_cli.model.tasks.aimed_task import with_reward
+from capture_cli.model.tasks.aimed_task import AimedTask, with_reward
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.options.base import takes_options
 from capture_cli.options.train_policy import TrainPolicyOptions
@@ -57,6 +57,7 @@ class MirrorSettings:
 
 
 MIRROR = MirrorSettings()
+TRIED, SAME = 64, 1e-9  # random episodes, and rewards, of 1 at most, that are one
 
 
 @takes_options
@@ -98,9 +99,12 @@ def train_policy(options: TrainPolicyOptions) -> dict[str, Any]:
     provenance = Provenance("train-policy", options.recorded(), inputs)
     simulator = Simulator(machine, asked.effects.placed, options.threads)
     machine.mirrored = machine.mirrored and _is_mirrored(simulator, asked.effects)
+    recipe = {**made, "evaluations": options.evaluations}
+    if isinstance(machine, AimedTask):
+        _refuse_constant(simulator, asked.effects)
+        recipe["reward"] = asdict(machine.aim)
     trainer = kind.trainer(simulator, settings, asked.effects)
     run = _Run(trainer, simulator, asked.effects, options.evaluations)
-    recipe = {**made, "evaluations": options.evaluations}
     if resume:
         run.restore(unfinished(out), recipe)
     with resumable_directory(out, kept=kept, scaffold=OF_STATE, force=options.force, resume=resume) as folder:
@@ -164,6 +168,25 @@ def _is_mirrored(simulator: Simulator, effects: EffectRanges) -> bool:
         for under, acted in sides
     ]
     return float(np.abs(rewards[0] - rewards[1]).mean()) < MIRROR.differ
+
+
+def _refuse_constant(simulator: Simulator, effects: EffectRanges) -> None:
+    """Raise OptionError where every random episode is worth the same: the inputs move no output with a goal."""
+    task, generator = simulator.task, np.random.default_rng(0)
+    points = np.concatenate(
+        [
+            task.space.from_unit(generator.random((TRIED, len(task.space)))),
+            effects.drawn(generator, TRIED),
+        ],
+        axis=1,
+    )
+    uniform = generator.random((TRIED, len(task.actions)))
+    rewards, _ = evaluate(REGISTRY.get("random")(task), simulator, points, uniform)
+    if np.ptp(rewards) < SAME:
+        raise OptionError(
+            f"--task {task.path}: each of {TRIED} random episodes is worth {rewards[0]:.3g}, so nothing can be learned",
+            cure="give [reward] goals for outputs that the inputs move, or a wider `within`",
+        )
 
 
 class _Run:
