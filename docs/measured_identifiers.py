@@ -20,6 +20,7 @@ ROUNDS = (1, 3, 5, 10, 20, 30)
 RATIO_ROUNDS = (10, 20, 30)
 BUDGETS = (10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # simulated rollouts
 OURS = "capture-refined"
+YARDSTICK = "domain-randomization"
 PAIRED = 10  # rounds at most that pairs are compared after
 DOUBTFUL = 1e-3  # p of a sign test
 NONE = ""  # of a cell
@@ -95,7 +96,7 @@ def _section(folder: str, tables: Iterable[Callable[[Measured], str]]) -> str:
 
 
 def parameters(m: Measured) -> str:
-    """Parameter difference, what it cost and what the intervals hold."""
+    """Parameter difference, what it cost and what the intervals hold; a random guess is at a third."""
     last, at = m.document["rounds"], min(10, m.document["rounds"])
     header = [f"parameter difference, {m.document['rounds']} rounds at most", *map(str, m.rounds)]
     header += [f"rollouts up to {last}", f"cover at {at}"]
@@ -107,6 +108,7 @@ def parameters(m: Measured) -> str:
             f"{e['coverage'][at - 1]:.2f}" if e.get("coverage") else NONE,
         ]
         for label, e in m.rows.items()
+        if label != YARDSTICK
     ]
     return _table(header, rows)
 
@@ -132,9 +134,7 @@ def ratios(m: Measured) -> str:
 
 def _of_paper(m: Measured, e: Mapping[str, Any], number: int) -> str:
     theirs = paper_numbers.trajectory_difference(m.document["task"], m.document["noise"], e)
-    yardstick = paper_numbers.trajectory_difference(
-        "air-hockey", "none", {"identifier": "domain-randomization"}
-    )
+    yardstick = paper_numbers.trajectory_difference("air-hockey", "none", {"identifier": YARDSTICK})
     return f" ({_two(theirs[number][0] / yardstick[number][0])})" if theirs and number in theirs else NONE
 
 
