@@ -98,7 +98,7 @@ def _section(folder: str, tables: Iterable[Callable[[Measured], str]]) -> str:
 def parameters(m: Measured) -> str:
     """Parameter difference, what it cost and what the intervals hold; a random guess is at a third."""
     last, at = m.document["rounds"], min(10, m.document["rounds"])
-    header = [f"parameter difference, {m.document['rounds']} rounds at most", *map(str, m.rounds)]
+    header = ["parameter difference", *map(str, m.rounds)]
     header += [f"rollouts up to {last}", f"cover at {at}"]
     rows = [
         [
