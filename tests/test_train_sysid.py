@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
@@ -222,7 +223,9 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(small, tmp_path, monkeypat
 def test_batches_go_on_from_any_place(pairs, size, window, any_order, place):
     source = histories(pairs, rounds=5)
     examples = REGISTRY.get("posterior").examples
-    with mock.patch.multiple(_batches, BLOCK_PAIRS=4, POOL_BLOCKS=2):  # so that there are several pools
+    with mock.patch.object(
+        _batches, "SETTINGS", replace(_batches.SETTINGS, block_pairs=4, pool_blocks=2)
+    ):  # so that there are several pools
         batches = Batches(lambda a, b: source.pairs(slice(a, b)), examples, pairs, size, window, 3, any_order)
         stream = batches.since(Place())
         seen = [next(stream) for _ in range(place + 2)]
@@ -241,7 +244,7 @@ def test_an_epoch_shows_no_pair_twice():
         asked.append(last - first)
         return source.pairs(slice(first, last))
 
-    with mock.patch.multiple(_batches, BLOCK_PAIRS=8, POOL_BLOCKS=2):
+    with mock.patch.object(_batches, "SETTINGS", replace(_batches.SETTINGS, block_pairs=8, pool_blocks=2)):
         stream = Batches(read, examples, 64, 4, 4, 0).since(Place())
         first, second = (np.concatenate([next(stream)[0].target[:, 0] for _ in range(16)]) for _ in range(2))
         assert max(asked) == 8 and len(asked) == 16
