@@ -261,15 +261,13 @@ def test_an_effect_of_all_sensors_is_tried_at_each_that_is_in_the_log(
 
 
 @pytest.mark.parametrize(
-    ("effects", "rounds"),
+    "effects",
     [
-        (["coulomb-friction@shoulder=0.15", "coulomb-friction@elbow=0.1"], 1),
-        (["coulomb-friction@shoulder=0.15", "sensor-delay@q2=0.02"], 2),
+        ["coulomb-friction@shoulder=0.15", "coulomb-friction@elbow=0.1"],
+        ["coulomb-friction@shoulder=0.15", "sensor-delay@q2=0.006"],
     ],
 )
-def test_what_is_missing_at_every_joint_is_found_at_once(
-    tmp_path, monkeypatch, without_pages, effects, rounds
-):
+def test_what_is_missing_at_every_joint_is_found_at_once(tmp_path, monkeypatch, without_pages, effects):
     """A law at both joints, and two effects of two kinds, of which the first is not spread to other places."""
     catalogue, balance_round_of, begun = attribution.all_candidates, Attribution._balance_round, []
     few = ("coulomb-friction", "sensor-delay", "joint-spring", "cogging")
@@ -283,7 +281,7 @@ def test_what_is_missing_at_every_joint_is_found_at_once(
     record(task=task, out=log, effects=effects, noise=1e-4, episodes=4, duration=2, rate=100, threads=1)
     found = diagnose(real_log=log, task=task, out=tmp_path / "d", quiet=True, most_effects=2).document
     assert {f"{e['name']}@{e['site']}" for e in found["effects"]} == {e.split("=")[0] for e in effects}
-    assert found["verdict"] == "effect-found" and len(begun) == rounds
+    assert found["verdict"] == "effect-found" and len(begun) == 1
 
 
 def test_a_law_that_simulations_alone_tell_of_is_found_at_every_joint_in_one_round(

@@ -195,7 +195,7 @@ def test_a_model_is_known_by_its_effects_in_the_order_of_its_parameters(tmp_path
     names = "coulomb-friction", "cubic-stiffness"
     placed = [Placed(n, REGISTRY.get(n)(prepared.task.model, "x")) for n in names]
     folds = select_folds(prepared.windows.episode, prepared.split.is_test)
-    models = ModelComparison(ModelFits(prepared, 1), folds, seed=0, is_explained=lambda _: True)
+    models = ModelComparison(ModelFits(prepared, 1), folds, seed=0)
     point = np.append(truth, 0.0)
     first = models.fits.fit(models.fit_part, placed, point)
     models.know(first)

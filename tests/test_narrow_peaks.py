@@ -151,9 +151,7 @@ def attribution(prepared, names) -> tuple[Attribution, ModelFits]:
     fits = ModelFits(prepared, 1)
     folds = select_folds(prepared.windows.episode, prepared.split.is_test)
     candidates = [Candidate(Placed(name, on_slider(name, prepared.task.model))) for name in names]
-    return Attribution(
-        fits, folds, seed=0, is_explained=lambda fit: not lack_of_fit(fit.at).lacking, candidates=candidates
-    ), fits
+    return Attribution(fits, folds, seed=0, candidates=candidates), fits
 
 
 @pytest.mark.parametrize(

@@ -245,7 +245,6 @@ class _Protocol:
             self.fits,
             self.parts.folds,
             seed=self.settings.seed,
-            is_explained=lambda fit: not lack_of_fit(fit.at).lacking,
             most_effects=self.settings.most_effects,
             candidates=candidates,
             on_step=lambda what, number, total, found: self._step(what, number, total, [*known, *found]),

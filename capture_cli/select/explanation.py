@@ -38,8 +38,8 @@ class JudgedModel:
 
     @cached_property
     def lacking(self) -> LackOfFit:
-        """What it leaves of what it was fitted to."""
-        return lack_of_fit(self.fit.at)
+        """What it leaves of what it was fitted to: of the fit part, or of all that is not test, whichever is more."""
+        return max((lack_of_fit(f.at) for f in (self.fit, self.again)), key=lambda lack: lack.normalized)
 
     @cached_property
     def intervals(self) -> Intervals:

@@ -11,7 +11,7 @@ from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.fit import Fit, least
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.noise.autocorrelation import correlation_samples
-from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
+from capture_cli.estimate.noise.lack_of_fit import lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.balance_scores import screening_of
@@ -57,20 +57,44 @@ Compared = (
 class ModelComparison:
     """Models of one log, which differ in their effects.
 
-    folds: what is fitted, and what judges; nothing judges where the log is one window long. is_explained: whether a
-    model leaves nothing but noise.
+    folds: what is fitted, and what judges; nothing judges where the log is one window long.
     """
 
-    def __init__(self, fits: ModelFits, folds: Folds, *, seed: int, is_explained: Callable[[Fit], bool]):
+    def __init__(self, fits: ModelFits, folds: Folds, *, seed: int):
         self.fits = fits
         self.folds = folds
         self.fit_part = fits.prepared.part(folds.fit)
         self.seed = seed
-        self.is_explained = is_explained
         self.candidates: Sequence[Candidate] = ()
         self._screening: Screening | object | None = _NOT_MADE
         self._fitted: dict[tuple[str, ...], Fit | None] = {}
         self._judged: dict[Fit, PartFit] = {}
+        self._explained: dict[Fit, bool] = {}
+
+    def is_explained(self, fit: Fit) -> bool:
+        """Whether a model leaves nothing but noise of what it is fitted to, and of what judges."""
+        if fit not in self._explained:
+            self._explained[fit] = not lack_of_fit(fit.at).lacking and self._holds_on_what_judges(fit)
+        return self._explained[fit]
+
+    def _holds_on_what_judges(self, fit: Fit) -> bool:
+        """As it is, or fitted to that, too: its parameters may be no better known than the first fit leaves them."""
+        if len(self.folds.folds) != 1:
+            return True  # all windows are fitted
+        [(fitted, judged)] = self.folds.folds
+        on = self.judge(fit)
+        if not lack_held_out(on.evidence, on.residual).lacking:
+            return True
+        seen, prepared = fitted | judged, self.fits.prepared
+        offsets = np.zeros((len(seen), fit.offsets.shape[1]))
+        offsets[fitted], offsets[judged] = fit.offsets, on.offsets
+        both = self.fits.fit(
+            prepared.part(seen), fit.effects, fit.point, near=fit, offsets=offsets[seen], seed=self.seed
+        )
+        if both is None or lack_of_fit(both.at).lacking:
+            return False
+        own = PartFit.of(both.at).rows(judged[seen])
+        return not lack_held_out(own.evidence, own.residual).lacking
 
     def screening(self, on_step: Callable[[str, int, int], None]) -> Screening | None:
         """Of the `candidates` in the force balance, made once; None where there is none."""

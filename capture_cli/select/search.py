@@ -70,10 +70,10 @@ class Accepted:
 class Attribution:
     """Selection of effects: forward, backward, and against rivals.
 
-    folds: what is fitted, and what judges; nothing judges where the log is one window long. is_explained: whether a
-    model leaves nothing but noise. most_effects: to add; a law at several places counts once. candidates: the whole
-    catalogue where None; others are scored by simulations. on_step is told what is being tried, the number of it, of
-    how many, and what was found so far; where it raises OutOfTime, the search ends with the last model that was whole.
+    folds: what is fitted, and what judges; nothing judges where the log is one window long. most_effects: to add; a law
+    at several places counts once. candidates: the whole catalogue where None; others are scored by simulations. on_step
+    is told what is being tried, the number of it, of how many, and what was found so far; where it raises OutOfTime,
+    the search ends with the last model that was whole.
 
     out_of_time: whether it ended so.
     """
@@ -84,12 +84,11 @@ class Attribution:
         folds: Folds,
         *,
         seed: int,
-        is_explained: Callable[[Fit], bool],
         most_effects: int = MOST_EFFECTS,
         candidates: Sequence[Candidate] | None = None,
         on_step: Callable[[str, int, int, Sequence[str]], None] = lambda *_: None,
     ):
-        self.models = ModelComparison(fits, folds, seed=seed, is_explained=is_explained)
+        self.models = ModelComparison(fits, folds, seed=seed)
         self.most_effects = most_effects
         self.on_step = on_step
         self.given = candidates is not None
@@ -142,7 +141,10 @@ class Attribution:
         current = self._without_minor(current)
         current = self._keep(self._backward(current, self.accepted, Support.reason_against))
         self._ask_again(current)
-        return self._keep(self._compare_with_rivals(current))
+        compared = self._compare_with_rivals(current)
+        if compared is not current:  # with another in its place an effect may have nothing left to do
+            compared = self._backward(compared, self.accepted, Support.reason_against)
+        return self._keep(compared)
 
     @property
     def _count(self) -> int:

@@ -17,11 +17,12 @@ from capture_cli.model.effects.placed import Placed
 class DictionarySettings:
     """shapes: values of one nonlinear parameter; shapes_of_several: of each where there are two, and of more one in the
     middle, for the fit moves them. periods: of a force that repeats. step: of an amplitude's range, at which a column
-    is taken; far_steps: of effects with a threshold, below which they do nothing. known: of its range, how large an
-    amplitude may be beforehand, a standard deviation: ranges are guesses, but within some times. largest: acceleration
-    by a step, over the largest that the model predicts: what is beyond it has run away. linear: of what an effect does,
-    by which a step and its reverse may differ to be one column. rounding: of the largest that the model predicts, below
-    which a column is none.
+    is taken; far_steps: of effects that remember. beyond_onset: of effects with a threshold, below which they do
+    nothing, likewise: of the range from where they begin to; and halvings: by which that is found. known: of its range,
+    how large an amplitude may be beforehand, a standard deviation: ranges are guesses, but within some times. largest:
+    acceleration by a step, over the largest that the model predicts: what is beyond it has run away. linear: of what an
+    effect does, by which a step and its reverse may differ to be one column. rounding: of the largest that the model
+    predicts, below which a column is none.
     """
 
     shapes: int = 6
@@ -29,6 +30,8 @@ class DictionarySettings:
     periods: int = 160
     step: float = 0.02
     far_steps: tuple[float, ...] = (0.1, 0.3, 0.7)
+    beyond_onset: tuple[float, ...] = (0.03, 0.08, 0.16, 0.3, 0.5, 0.75)
+    halvings: int = 5
     known: float = 3.0
     largest: float = 1e3
     linear: float = 0.05
@@ -87,9 +90,11 @@ class Atom:
 
     def at(self, coefficients: np.ndarray) -> np.ndarray:
         """Values (parameter,) with coefficients (amplitude,), within the effect's range."""
-        space = self.placed.effect.space
-        found = self.values.copy()
-        found[list(self.amplitudes)] += coefficients * self.unit
+        effect = self.placed.effect
+        space, found = effect.space, self.values.copy()
+        # a threshold is where the column was taken: what it cuts off is not in proportion to it
+        steps = (coefficients > 0) if effect.has_threshold else coefficients
+        found[list(self.amplitudes)] += steps * self.unit
         return np.clip(found, space.low, space.high)
 
 
@@ -107,11 +112,14 @@ def atoms(
     if isinstance(effect, PeriodicForce):
         yield from _repeating(balance, placed, amplitudes, settings)
         return
-    shares = _shares(effect, settings)
+    size = np.abs(balance.null.predicted).max()
+    largest, least = settings.largest * size, settings.rounding * size
     values, owners = [], []
     for point in _shapes(effect, settings):
-        for share in shares:
-            units = np.array([_reach(space, point, i, share) for i in amplitudes])
+        onset = _onset(balance, effect, point, amplitudes, least, settings)
+        for share in _shares(effect, settings):
+            reach = onset + (1 - onset) * share
+            units = np.array([_reach(space, point, i, s) for i, s in zip(amplitudes, reach, strict=True)])
             inside = (point[list(amplitudes)] + units >= space.low[list(amplitudes)]) & (
                 point[list(amplitudes)] + units <= space.high[list(amplitudes)]
             )
@@ -125,8 +133,6 @@ def atoms(
     if not owners:
         return
     changes = balance.of_effect(effect, np.array(values))
-    size = np.abs(balance.null.predicted).max()
-    largest, least = settings.largest * size, settings.rounding * size
     usable = [
         (atom, columns)
         for number, atom in enumerate(owners)
@@ -150,10 +156,33 @@ def _acts_unshown(balance: ForceBalance, effect: Effect) -> bool:
     return joint is not None and int(balance.model.jnt_dofadr[joint]) in balance.unshown
 
 
+def _onset(
+    balance: ForceBalance,
+    effect: Effect,
+    point: np.ndarray,
+    amplitudes: Sequence[int],
+    least: float,
+    settings: DictionarySettings,
+) -> np.ndarray:
+    """Of the range of each amplitude, (amplitude,), the part in which the effect does less than `least`, from its null
+    at the `point` on: of a limit that little comes near, most of it.
+    """
+    found = np.zeros(len(amplitudes))
+    for k, index in enumerate(amplitudes if effect.has_threshold else ()):
+        for halving in range(1, settings.halvings + 1):
+            share = found[k] + 0.5**halving
+            moved = point.copy()
+            moved[index] += _reach(effect.space, point, index, share)
+            [change] = balance.of_effect(effect, moved[None])
+            if max(np.abs(change.predicted).max(), np.abs(change.measured).max()) <= least:
+                found[k] = share
+    return found
+
+
 def _shares(effect: Effect, settings: DictionarySettings) -> tuple[float, ...]:
     """Steps of the amplitudes, in ranges, at which columns are taken."""
     if effect.has_threshold:
-        return settings.far_steps
+        return settings.beyond_onset
     if effect.place != "force":
         return (settings.step,)
     far = settings.far_steps if effect.states else ()  # what remembers need not grow in proportion
@@ -192,7 +221,8 @@ def _repeating(balance, placed, amplitudes, settings) -> Iterator[tuple[Atom, li
 def _shapes(effect: Effect, settings: DictionarySettings) -> np.ndarray:
     if len(effect.shapes) > 2:
         return np.concatenate([effect.shape_grid(1), effect.space.nominal[None]])
-    return effect.shape_grid(settings.shapes if len(effect.shapes) < 2 else settings.shapes_of_several)
+    few = len(effect.shapes) == 2 or effect.has_threshold
+    return effect.shape_grid(settings.shapes_of_several if few else settings.shapes)
 
 
 def _reach(space, point: np.ndarray, index: int, share: float) -> float:

@@ -28,5 +28,5 @@ class PositionDependentFriction(JointForce):
         return (
             Parameter("friction", self.unit("N", "N m"), 0.0, self.characteristic_force, 0.0),
             Parameter("centre", length, middle - travel, middle + travel, middle),
-            Parameter("width", length, 0.02 * travel, travel, 0.15 * travel),
+            Parameter("width", length, 0.02 * self.characteristic_travel, travel, 0.15 * travel),
         )

@@ -14,7 +14,8 @@ from capture_cli.model.effects._scales import actuator_force_scale, actuator_for
 from capture_cli.model.parameters import Parameter
 
 LARGEST = 4.0  # stall force, over what the actuator is commonly asked for
-SLOWEST, FASTEST = 0.3, 5.0  # speed without load, over the largest that is commonly seen
+# Speed without load, over the largest that is commonly seen. Beyond, it is a limit of the force alone.
+SLOWEST, FASTEST = 0.3, 20.0
 
 
 def motor_range(speed, *, stall, no_load_speed):
@@ -63,11 +64,6 @@ class TorqueSpeedLimit(OnJoint, JointEffect):
         null = self.parameters[0].nominal
         return {"stall": unlimited_at(null, values[:, 0]), "no_load_speed": values[:, 1]}
 
-    def write(self, fields, values):
-        if not self.model.actuator_forcelimited[self.actuator]:
-            fields["actuator_forcelimited"][:, self.actuator] = True
-            fields["actuator_forcerange"][:, self.actuator] = -UNLIMITED, UNLIMITED
-
     def force(self, values, timestep, **_):
         return ForceOfKernel(self, self.coefficients(values), timestep)
 
@@ -77,8 +73,12 @@ class TorqueSpeedLimit(OnJoint, JointEffect):
 
     def add(self, world, term):
         low, high = term
-        own = world.vary("actuator_forcerange")[:, self.actuator]
+        limited, own = (
+            world.vary(f"actuator_force{name}")[:, self.actuator] for name in ("limited", "range")
+        )
+        own[~limited.astype(bool)] = -UNLIMITED, UNLIMITED
         own[:, 0], own[:, 1] = np.maximum(own[:, 0], low), np.minimum(own[:, 1], high)
+        limited[...] = True
 
     def companion(self, name, values):
         joint = f"model.joint({reference(self.model, 'joint', self.joint_name)})"
