@@ -16,7 +16,7 @@ capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --ident
 # Equal data: everything that learns has the same 1,000 histories.
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --pairs 1000 --seed 1 --out equal/air-hockey.zarr
 capture gen-histories --task scooping --policy runs/policies/scooping --pairs 1000 --seed 1 --out equal/scooping.zarr
-for identifier in capture-trajectory capture-refined expert-distillation expert-distillation-all-rounds tunenet tunenet-all-rounds; do
+for identifier in capture capture-trajectory capture-refined expert-distillation expert-distillation-all-rounds tunenet tunenet-all-rounds; do
   capture train-sysid --histories equal/air-hockey.zarr --identifier $identifier --width 64 --batch 64 --steps 600 --out equal/air-hockey/$identifier
 done
 for identifier in capture:1000 capture-trajectory:1000 capture-refined:800 expert-distillation:1000 expert-distillation-all-rounds:1000 tunenet:1000 tunenet-all-rounds:1000; do
@@ -30,6 +30,7 @@ rows() { # TASK NAMES
   echo --identifier "posterior=equal/$1/capture-refined" --identifier "equal/$1/capture-refined"
 }
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey $(rows air-hockey capture-trajectory) --pairs 30 --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal
+capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier equal/air-hockey/capture --identifier equal/air-hockey/capture-trajectory --pairs 30 --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-paper
 capture eval-sim2sim --task scooping --policy runs/policies/scooping $(rows scooping capture capture-trajectory) --seeds 1 --rounds 10 --out runs/evaluation/scooping-equal
 
 # k and L, each from 1536 histories; their checkpoints are not shipped.

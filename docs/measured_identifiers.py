@@ -61,7 +61,7 @@ class Measured:
         seeds = f", {d['seeds']} draws of them" if d["seeds"] > 1 else ""
         noise = "" if d["noise"] == "none" else f", noise {d['noise']}"
         trained = {e["pairs_trained"] for e in self.rows.values() if e.get("pairs_trained")}
-        histories = f", identifiers trained on {_either(sorted(trained))} histories" if trained else ""
+        histories = f", trained on {_either(sorted(trained))} histories" if trained else ""
         by = f"code {code[:12]}" if code else "the code was not noted"
         link = f"[{self.folder}](../../runs/evaluation/{self.folder}/tables.md)"
         return f"{link}: {d['pairs']} pairs{seeds}, {d['rounds']} rounds{noise}{histories}; {by}."

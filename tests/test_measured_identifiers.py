@@ -36,7 +36,7 @@ def measured() -> Measured:
 
 
 def test_a_table_says_how_many_pairs_it_is_of_and_whose_code_made_it(measured):
-    assert "10 pairs, 2 rounds, identifiers trained on 90 histories; code 0123456789ab." in measured.about()
+    assert "10 pairs, 2 rounds, trained on 90 histories; code 0123456789ab." in measured.about()
     assert "the code was not noted" in Measured("folder", measured.document, {}).about()
 
 
