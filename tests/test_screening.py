@@ -49,6 +49,16 @@ def test_what_was_planted_comes_first_with_its_size(machine, name, site, share):
     np.testing.assert_allclose(right.model.values[0], values, rtol=0.05, atol=1e-9)
 
 
+@pytest.mark.parametrize("share", [0.75, 0.82])
+def test_a_limit_is_found_that_the_force_seldom_reaches(share):
+    """Most of its range does nothing in this log: the motor asks for 30 N, and could be limited anywhere up to 120."""
+    own = Made.of("slider", ("torque-speed-limit", "drive", share), episodes=4)
+    _, (stall, _) = own.planted[0]
+    best = own.screening().additions((), ())[0]
+    assert best.placed.name == "torque-speed-limit@drive" and best.gain > 50
+    assert best.model.values[0][0] == pytest.approx(stall, rel=0.05)
+
+
 @pytest.mark.parametrize("machine", ["slider", "cart_pole"])
 def test_nothing_comes_where_nothing_is_missing(machine):
     found = Made.of(machine, episodes=4).screening().additions((), ())
