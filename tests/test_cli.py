@@ -673,7 +673,10 @@ def test_a_stdout_that_is_closed():
         ("record --effect coulomb", ["coulomb-friction"]),
         ("effects coulomb", ["coulomb-friction"]),
         ("gen-histories --search b", ["binary"]),
-        ("eval-sim2sim --identifier c", ["capture", "capture-refined", "cma-es", "compass"]),
+        (
+            "eval-sim2sim --identifier c",
+            ["capture", "capture-refined", "capture-trajectory", "cma-es", "compass"],
+        ),
         ("identify --fail-on ", ["unexplained", "not-identifiable"]),
         ("identify --task nothing", []),
     ],

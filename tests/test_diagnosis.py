@@ -779,7 +779,7 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
 
     def found(most_effects: int) -> dict:
         """diagnosis.json; the steps that both have in common are made once."""
-        settings = Settings(most_effects=most_effects, expression=True, kept=StepFiles(tmp_path / "steps"))
+        settings = Settings(most_effects=most_effects, expression=False, kept=StepFiles(tmp_path / "steps"))
         progress = Progress("diagnose", "model", quiet=True)
         return diagnose_prepared(prepared, arm.space.nominal, settings, progress).document
 

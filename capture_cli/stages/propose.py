@@ -19,7 +19,6 @@ from capture_cli.select.experiment.excitation_range import ExcitationRange
 from capture_cli.select.experiment.expected_information import Axes, information, sensitivities
 from capture_cli.select.experiment.next_experiment import SETTINGS as NEXT_EXPERIMENT
 from capture_cli.select.experiment.next_experiment import (
-    SHARES,
     driven_motion,
     driven_windows,
     experiment_tape,
@@ -184,7 +183,7 @@ def _multisine(
                 task, time, share * farthest, band, np.random.default_rng(phases), at_rest=True
             )
             for band, phases in zip(bands, generator.integers(2**32, size=len(bands)), strict=True)
-            for share in SHARES
+            for share in NEXT_EXPERIMENT.shares
         ]
     )
     windows = driven_windows(task, time, tapes)
@@ -208,7 +207,7 @@ def _multisine(
     text = f"the {what} multisines from rest: {gains[at]:.2g} nats; {where}"
     return {
         **_head(task, "inputs", text),
-        **_tape(task, bands[best // len(SHARES)], time, tapes[best]),
+        **_tape(task, bands[best // len(NEXT_EXPERIMENT.shares)], time, tapes[best]),
         **expected,
         **judged,
     }

@@ -279,7 +279,7 @@ def options(command: str) -> tuple[tuple[str, str, int], ...]:
     from capture_cli.cli.app import _COMMANDS
 
     found = []
-    for hint in get_type_hints(_COMMANDS[command], include_extras=True).values():
+    for hint in (p.annotation for p in get_type_hints(_COMMANDS[command])["options"].parameters()):
         if not hasattr(hint, "__metadata__"):
             continue
         option = hint.__metadata__[0]

@@ -26,12 +26,10 @@ class NextExperimentSettings:
     rate: float = 250.0  # Hz
     enough: float = 3.0  # times the noise floor: a difference that a test will see
     chance: float = 2.0  # sd, over all samples together: of a smaller difference no test is sure
+    shares: tuple[float, ...] = tuple(0.5**k for k in range(8))  # of the largest input in the log
 
 
 SETTINGS = NextExperimentSettings()
-
-
-SHARES = tuple(0.5**k for k in range(8))  # of the largest input in the log
 
 
 def next_experiment(
@@ -54,7 +52,7 @@ def next_experiment(
             "duration_s": SETTINGS.duration,
             "seed": seed,
         }
-        for band, share in product(SETTINGS.bands, SHARES)
+        for band, share in product(SETTINGS.bands, SETTINGS.shares)
     ]
     tapes = [experiment_tape(task, asked)[1] for asked in menu]
     windows = driven_windows(task, experiment_times(task), np.stack(tapes))
