@@ -41,7 +41,7 @@ def asked(tmp_path_factory):
     """Options of a diagnosis of a log with two effects, and what it is without an interruption."""
     folder = tmp_path_factory.mktemp("asked")
     options = {"task": str(held_machine(folder / "slider", "slider", 0.004)), "real_log": folder / "run.zarr"}
-    making = {"noise": 5e-4, "rate": 250, "episodes": 8, "duration": 1.0, "seed": 3}
+    making = {"noise": 5e-4, "rate": 250, "episodes": 4, "duration": 1.0, "seed": 3}
     record(task=options["task"], out=options["real_log"], effects=PLANTED, **making)
     return {**options, "threads": 1, "quiet": True}
 

@@ -6,6 +6,7 @@ balance; nothing is simulated. What comes out is a ranking, with the values that
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
@@ -32,7 +33,8 @@ class ScreeningSettings:
     step, of a range; shortest: at which it is given up. difference: of a range, in differences of effects. at_once:
     atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. alike: cosine of
     responses beyond which effects do not differ. ran_away: of rows, beyond which what others add is lost in rounding.
-    determined: of a declared parameter's range, a standard deviation below which the balance determines it.
+    determined: of a declared parameter's range, a standard deviation below which the balance determines it. remembered:
+    bytes of rows of effects at values that were asked before.
     """
 
     blocks: int = 12
@@ -48,6 +50,7 @@ class ScreeningSettings:
     alike: float = 0.98
     ran_away: float = 1e15
     determined: float = 0.1
+    remembered: int = 200_000_000
 
 
 SETTINGS = ScreeningSettings()
@@ -128,6 +131,7 @@ class Screening:
         self.columns = self._dictionary(placed, on_step)
         self.covered = frozenset(a.placed.name for a in self.atoms)
         self._known: dict[tuple, object] = {}
+        self._rows: OrderedDict[tuple, list[np.ndarray]] = OrderedDict()
 
     def read_as(self, linear: np.ndarray) -> Screening:
         """The same of inputs that change evenly between rows where `linear` (input,), and are held elsewhere. Columns
@@ -139,7 +143,7 @@ class Screening:
         other.whitening.balance = other.balance
         other.target = other.whitening.rows([other.balance.null])
         other.by_parameter = other.whitening.rows(_by_parameter(other.balance))
-        other._known = {}
+        other._known, other._rows = {}, OrderedDict()
         return other
 
     def additions(
@@ -270,13 +274,28 @@ class Screening:
         target = [t + (x @ moved)[..., None] for t, x in zip(self.target, self.by_parameter, strict=True)]
         columns = [x * self.space.span for x in self.by_parameter]
         for placed, values in zip(model.effects, model.values, strict=True):
-            points, steps = self._differences(placed, values)
-            rows = self.whitening.rows(self._changes(placed, points))
+            rows = self._rows_of(placed, values)
             target = [t + r[..., :1] for t, r in zip(target, rows, strict=True)]
-            slopes = [(r[..., 1:] - r[..., :1]) / steps for r in rows]
-            columns = [np.concatenate(pair, axis=-1) for pair in zip(columns, slopes, strict=True)]
+            columns = [np.concatenate([c, r[..., 1:]], axis=-1) for c, r in zip(columns, rows, strict=True)]
         apart = self.whitening.rows(self._apart(model))
         return target, [np.concatenate(pair, axis=-1) for pair in zip(columns, apart, strict=True)]
+
+    def _rows_of(self, placed: Placed, values: np.ndarray) -> list[np.ndarray]:
+        """What an effect adds at these values, and by a unit of range of each of its parameters, (row, nv, 1 +
+        parameter) of each stretch: the same in every model, so that the last ones are remembered.
+        """
+        key = placed.name, values.tobytes()
+        if key in self._rows:
+            self._rows.move_to_end(key)
+            return self._rows[key]
+        points, steps = self._differences(placed, values)
+        rows = self.whitening.rows(self._changes(placed, points))
+        found = [np.concatenate([r[..., :1], (r[..., 1:] - r[..., :1]) / steps], axis=-1) for r in rows]
+        self._rows[key] = found
+        most = self.settings.remembered // max(sum(r.nbytes for r in found), 1)
+        while len(self._rows) > max(most, 1):
+            self._rows.popitem(last=False)
+        return found
 
     def _apart(self, model: BalancedModel) -> list[Accelerations]:
         """By amplitudes that other recordings than the reference have for themselves."""
