@@ -22,7 +22,6 @@ from capture_cli.select.experiment import next_experiment as menu
 from capture_cli.select.experiment.excitation_range import ExcitationRange
 from capture_cli.select.experiment.next_experiment import SETTINGS as NEXT_EXPERIMENT
 from capture_cli.select.experiment.next_experiment import (
-    SHARES,
     driven_motion,
     driven_windows,
     next_experiment,
@@ -72,7 +71,7 @@ def test_an_experiment_that_tells_two_effects_apart_is_found_and_what_it_took_is
     found = next_experiment(fits, mine, [other], seed=0, shown=shown_in(fits))
     assert found["separation"] > 3
     assert found["text"].startswith("to tell it from cubic-stiffness@x: drive from rest")
-    assert fits.rollouts == 2 * len(NEXT_EXPERIMENT.bands) * len(SHARES)
+    assert fits.rollouts == 2 * len(NEXT_EXPERIMENT.bands) * len(NEXT_EXPERIMENT.shares)
 
 
 def test_an_experiment_that_takes_the_machine_near_its_log_is_taken_before_one_that_tells_more(fits):
@@ -182,9 +181,9 @@ def test_what_is_proposed_is_what_was_judged(tmp_path, monkeypatch):
     found = next_experiment(fits, mine, [other], seed=5, shown=shown_in(fits))
     diagnosis_of(tmp_path, fits, found)
     proposal = propose(result=tmp_path, seed=1)
-    choices = [(list(band), share) for band in NEXT_EXPERIMENT.bands for share in SHARES]
+    choices = [(list(band), share) for band in NEXT_EXPERIMENT.bands for share in NEXT_EXPERIMENT.shares]
     share = max(found["peaks"]) / np.abs(fits.prepared.log.inputs).max()
     time, tapes = judged[0]
-    tape = tapes[choices.index((found["band_hz"], min(SHARES, key=lambda s: abs(s - share))))]
+    tape = tapes[choices.index((found["band_hz"], min(NEXT_EXPERIMENT.shares, key=lambda s: abs(s - share))))]
     assert np.array_equal(proposal["time_s"], time) and np.diff(time) == pytest.approx(0.006)
     assert np.array_equal(proposal["inputs"]["drive"], tape[:, 0]) and tape[0, 0] == 0

@@ -174,7 +174,7 @@ def _onset(
             moved = point.copy()
             moved[index] += _reach(effect.space, point, index, share)
             [change] = balance.of_effect(effect, moved[None])
-            if max(np.abs(change.predicted).max(), np.abs(change.measured).max()) <= least:
+            if _size(change) <= least:
                 found[k] = share
     return found
 
@@ -197,9 +197,14 @@ def _is_reverse(columns: Sequence[Accelerations], others: Sequence[Accelerations
     )
 
 
+def _size(change: Accelerations) -> float:
+    """The largest acceleration in it."""
+    return max(np.abs(change.predicted).max(), np.abs(change.measured).max())
+
+
 def _can_be_compared(columns: Sequence[Accelerations], largest: float, least: float) -> bool:
     """Whether an effect does anything, and no absurd acceleration."""
-    sizes = [max(np.abs(c.predicted).max(), np.abs(c.measured).max()) for c in columns]
+    sizes = [_size(c) for c in columns]
     return bool(np.isfinite(sizes).all() and max(sizes) > least and max(sizes) <= largest)
 
 

@@ -292,9 +292,9 @@ class Screening:
         rows = self.whitening.rows(self._changes(placed, points))
         found = [np.concatenate([r[..., :1], (r[..., 1:] - r[..., :1]) / steps], axis=-1) for r in rows]
         self._rows[key] = found
-        most = self.settings.remembered // max(sum(r.nbytes for r in found), 1)
-        while len(self._rows) > max(most, 1):
-            self._rows.popitem(last=False)
+        room = self.settings.remembered - sum(r.nbytes for own in self._rows.values() for r in own)
+        while room < 0 and len(self._rows) > 1:
+            room += sum(r.nbytes for r in self._rows.popitem(last=False)[1])
         return found
 
     def _apart(self, model: BalancedModel) -> list[Accelerations]:
