@@ -69,25 +69,22 @@ class Measured:
 
 def air_hockey() -> str:
     """The part of that name."""
-    parts = [_section(folder, (parameters, ratios, budgets, pairs)) for folder in _folders("air-hockey")]
-    return "\n\n".join(parts)
+    return "\n\n".join(_section(m, (parameters, ratios, budgets, pairs)) for m in _measured("air-hockey"))
 
 
 def scooping() -> str:
     """The part of that name."""
-    parts = [_section(folder, (successes, errors, pairs)) for folder in _folders("scooping")]
-    return "\n\n".join(parts)
+    return "\n\n".join(_section(m, (successes, errors, pairs)) for m in _measured("scooping"))
 
 
-def _folders(task: str) -> list[str]:
+def _measured(task: str) -> list[Measured]:
     """Of the task and of those that are named like it, where the code was noted."""
     named = sorted(p.parent.relative_to(RUNS).as_posix() for p in RUNS.rglob("evaluation.json"))
     found = [Measured.read(name) for name in named]
-    return [m.folder for m in found if m.document["task"].startswith(task) and "code" in m.provenance]
+    return [m for m in found if m.document["task"].startswith(task) and "code" in m.provenance]
 
 
-def _section(folder: str, tables: Iterable[Callable[[Measured], str]]) -> str:
-    measured = Measured.read(folder)
+def _section(measured: Measured, tables: Iterable[Callable[[Measured], str]]) -> str:
     made = [table(measured) for table in tables]
     return "\n\n".join([measured.about(), *(text for text in made if text)])
 

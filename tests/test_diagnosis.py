@@ -41,15 +41,16 @@ from capture_cli.report.diagnosis_findings import summary
 from capture_cli.select.candidates import SETTINGS as CANDIDATES
 from capture_cli.select.candidates import all_candidates, worth_a_refit
 from capture_cli.select.criterion import bic_gain, paired_p_value, ratio_p_value
-from capture_cli.select.explain import Settings, starts_found
+from capture_cli.select.explain import Settings
 from capture_cli.select.explanation import verdict as judged_as
-from capture_cli.select.log_parts import ENOUGH_WINDOWS, FIT, SELECT, TEST, Folds, LogParts, select_folds
+from capture_cli.select.log_parts import ENOUGH_WINDOWS, FIT, SELECT, TEST, Folds, select_folds
+from capture_cli.select.model_comparison import starts_found
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import slight
 from capture_cli.select.residual_curves import SETTINGS as RESIDUAL_CURVES
 from capture_cli.select.residual_curves import accelerations, curve, largest_around, residual_curves
 from capture_cli.select.score import score
-from capture_cli.select.search import MOST_EFFECTS
+from capture_cli.select.search import SETTINGS as SEARCH
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose, diagnose_prepared
 from capture_cli.stages.identify import identify
@@ -550,13 +551,12 @@ def test_an_effect_is_found_added_and_its_error_reported_before_and_after(logs, 
 def test_a_refit_begins_with_the_starts_that_were_found():
     number = np.array([FIT, TEST, SELECT, FIT, SELECT])
     folds = Folds(number == FIT, ((number == FIT, number == SELECT),))
-    parts = LogParts(None, folds, number)
     fitted, judged = (
         SimpleNamespace(offsets=np.array([[1.0], [4]])),
         SimpleNamespace(offsets=np.array([[3.0], [5]])),
     )
-    assert starts_found(parts, fitted, judged).ravel().tolist() == [1, 3, 4, 5]
-    assert starts_found(parts, fitted, None).ravel().tolist() == [1, 0, 4, 0]
+    assert starts_found(folds, fitted, judged).ravel().tolist() == [1, 3, 4, 5]
+    assert starts_found(folds, fitted, None).ravel().tolist() == [1, 0, 4, 0]
 
 
 def test_what_arises_in_contact_is_found_there(tmp_path):
@@ -783,7 +783,7 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
         progress = Progress("diagnose", "model", quiet=True)
         return diagnose_prepared(prepared, arm.space.nominal, settings, progress).document
 
-    document, one = found(MOST_EFFECTS), found(1)
+    document, one = found(SEARCH.most_effects), found(1)
     times = {e["site"]: e["parameters"]["time_constant"]["value"] for e in document["effects"]}
     assert {e["name"] for e in document["effects"]} == {"control-lag"}
     assert times == {"shoulder": pytest.approx(0.03, rel=0.1), "elbow": pytest.approx(0.05, rel=0.1)}

@@ -10,21 +10,23 @@ import numpy as np
 import pytest
 from held_inputs import held_machine
 
-from capture_cli.estimate.fit import EXACT, Fit
+from capture_cli.estimate.fit import SETTINGS as FIT
+from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.intervals import unit_covariance
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.windows import LEAD
+from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects._transmission import TransmissionEffect
 from capture_cli.model.effects.base import Effect
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
 from capture_cli.select.log_parts import select_folds
-from capture_cli.select.minima import RETURNED, minima
+from capture_cli.select.minima import SETTINGS as MINIMA
+from capture_cli.select.minima import minima
 from capture_cli.select.model_comparison import ModelComparison
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.record import record
@@ -110,7 +112,7 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
     free = ModelFits(prepared, 1).fit(prepared, [Placed(name, effect)], truth)
     windows = prepared.windows
     later = Simulator(prepared.task, [Placed(name, effect)]).hidden_sd(windows)[:, -1] == 0
-    assert later[windows.elapsed > 0.3 * LEAD].all() and not later[windows.elapsed == 0].any()
+    assert later[windows.elapsed > 0.3 * WINDOWS.lead].all() and not later[windows.elapsed == 0].any()
     assert (
         later.any()
         and np.all(free.offsets[later, -1] == 0)
@@ -164,7 +166,7 @@ def test_a_window_of_a_late_sensor_begins_with_what_it_saw_before(tmp_path, sens
         tmp_path, f"sensor-delay@{sensor}.delay={delay}".replace("@.", "."), machine="cart_pole"
     )
     effect = Placed("sensor-delay", REGISTRY.get("sensor-delay")(prepared.task.model, sensor))
-    fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
+    fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=FIT.exact)
     assert fit.error < 1.05
     assert fit.point[-1] == pytest.approx(delay, abs=5e-4)
 
@@ -176,7 +178,7 @@ def test_a_window_of_a_sensor_with_a_clock_of_its_own_reads_what_was_or_comes(tm
     name = "sensor-own-clock"
     prepared, truth = planted(tmp_path, f"{name}@{sensor}.error={error}", machine="cart_pole")
     effect = Placed(name, REGISTRY.get(name)(prepared.task.model, sensor))
-    fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
+    fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=FIT.exact)
     assert fit.error < 1.05
     assert fit.point[-1] == pytest.approx(error, abs=2e-4)
 
@@ -223,8 +225,8 @@ def test_a_free_number_in_every_window_does_not_make_a_model_the_better_one(tmp_
     fits, windows = ModelFits(prepared, 1), len(prepared.windows)
 
     def fitted_and_judged() -> tuple[Fit, PartFit]:
-        fit = fits.fit(prepared, [effect], truth, tolerance=EXACT)
-        return fit, fits.on(prepared, fit, tolerance=EXACT)
+        fit = fits.fit(prepared, [effect], truth, tolerance=FIT.exact)
+        return fit, fits.on(prepared, fit, tolerance=FIT.exact)
 
     free, judged = fitted_and_judged()
     _hold_hidden(monkeypatch)
@@ -258,11 +260,11 @@ def test_offsets_of_the_machine_are_carried_to_another_model_and_hidden_ones_are
     effect = REGISTRY.get("compliance")(prepared.task.model, "x")
     fits = ModelFits(prepared, 1)
     size = len(prepared.task.space)
-    declared = fits.fit(prepared, [], truth[:size], tolerance=EXACT)
+    declared = fits.fit(prepared, [], truth[:size], tolerance=FIT.exact)
     rich = fits.fit(prepared, [Placed("compliance", effect)], truth, offsets=declared.offsets, rounds=3)
     assert rich.offsets.shape[1] == declared.offsets.shape[1] + len(effect.states)
     assert np.abs(rich.offsets[:, -2:]).max() > 0
-    back = fits.fit(prepared, [], truth[:size], offsets=rich.offsets, tolerance=EXACT)
+    back = fits.fit(prepared, [], truth[:size], offsets=rich.offsets, tolerance=FIT.exact)
     assert back.penalised_squares == pytest.approx(declared.penalised_squares, rel=1e-2)
     residuals, diverged = fits.probe(prepared, declared, Placed("compliance", effect), truth[None, size:])
     assert residuals.shape[0] == 1 and not diverged.any()
@@ -272,11 +274,11 @@ def test_where_the_error_is_smooth_a_descent_comes_back(tmp_path):
     prepared, _ = planted(tmp_path, "coulomb-friction@x.friction=0.5")
     fits = ModelFits(prepared, 1)
     effect = Placed("coulomb-friction", REGISTRY.get("coulomb-friction")(prepared.task.model, "x"))
-    fit = fits.fit(prepared, [effect], np.append(prepared.task.space.nominal, 0.3), tolerance=EXACT)
+    fit = fits.fit(prepared, [effect], np.append(prepared.task.space.nominal, 0.3), tolerance=FIT.exact)
     found = minima(fits, prepared, fit, seed=0)
     assert len(found) == 2
     sd = np.sqrt(np.diag(unit_covariance(fit.at)[0]))
-    np.testing.assert_array_less(np.abs(found[0].at.x - found[1].at.x), RETURNED * sd)
+    np.testing.assert_array_less(np.abs(found[0].at.x - found[1].at.x), MINIMA.returned * sd)
     assert found[0].at.objectives(1.0).sum() <= found[1].at.objectives(1.0).sum()
 
 

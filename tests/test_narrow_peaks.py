@@ -19,7 +19,7 @@ from capture_cli.model.tasks import load_task
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.log_parts import select_folds
 from capture_cli.select.narrow_peaks import NarrowPeaks, _peaks
-from capture_cli.select.pulses import MOST as MOST_PULSES
+from capture_cli.select.pulses import SETTINGS as PULSES
 from capture_cli.select.pulses import PulseResponse, Pulses
 from capture_cli.select.score import score
 from capture_cli.select.search import Attribution
@@ -70,7 +70,7 @@ def test_pulses_add_up_to_a_force_whatever_the_chunks(monkeypatch):
     """On a linear machine the responses to pulses add up to that to their sum."""
     model = machine("slider")
     pulses = Pulses.over(model, "x", 150, 0.1)
-    assert pulses.count < MOST_PULSES and pulses.fastest > 10
+    assert pulses.count < PULSES.most and pulses.fastest > 10
     heights = np.random.default_rng(0).uniform(-1, 1, pulses.count)
     every = np.vstack([np.zeros(pulses.count), np.diag(heights), heights])
     monkeypatch.setattr("capture_cli.simulate.engine.CHUNK_SIMULATIONS", 5)
@@ -100,7 +100,7 @@ def test_pulses_follow_a_force_that_they_are_fast_enough_for():
     followed = shares @ np.linalg.pinv(shares) @ wave
     assert wave @ followed / (wave @ wave) > 0.9
     long = Pulses.over(machine("slider"), "x", 5000, 0.05)
-    assert long.count <= MOST_PULSES and long.fastest < 5
+    assert long.count <= PULSES.most and long.fastest < 5
 
 
 def test_the_best_peaks_are_local_maxima():

@@ -30,7 +30,6 @@ class FitSettings:
 
 
 SETTINGS = FitSettings()
-EXACT = SETTINGS.exact
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,6 @@ class WindowsSettings:
 
 
 SETTINGS = WindowsSettings()
-LEAD = SETTINGS.lead
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,6 @@ class CriterionSettings:
 
 
 SETTINGS = CriterionSettings()
-TINY = REGRESSION.tiny
-BLOCK_TIMES = SETTINGS.block_times
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ import numpy as np
 from capture_cli.errors import OutOfTime
 from capture_cli.estimate.checkpoint import Kept
 from capture_cli.estimate.difference_step import difference_step
-from capture_cli.estimate.fit import EXACT, Fit, least
+from capture_cli.estimate.fit import SETTINGS as FIT_SETTINGS
+from capture_cli.estimate.fit import Fit, least
 from capture_cli.estimate.held_out import held_out
 from capture_cli.estimate.initial_states.of_windows import as_acted, begins_as_acted
 from capture_cli.estimate.limits import with_limits
@@ -32,8 +33,9 @@ from capture_cli.select.explanation import Explanation, Expression, JudgedModel
 from capture_cli.select.expression import expression_terms
 from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.select.minima import minima
-from capture_cli.select.model_comparison import ModelComparison
-from capture_cli.select.search import MOST_EFFECTS, Attribution
+from capture_cli.select.model_comparison import ModelComparison, starts_found
+from capture_cli.select.search import SETTINGS as SEARCH
+from capture_cli.select.search import Attribution
 
 # what is tried, its number, of how many, what was found so far
 OnStep = Callable[[str, int, int, Sequence[str]], None]
@@ -47,7 +49,7 @@ class Settings:
     """
 
     starts: int = 3
-    most_effects: int = MOST_EFFECTS
+    most_effects: int = SEARCH.most_effects
     expression: bool = False
     seed: int = 0
     threads: int | None = None
@@ -170,7 +172,7 @@ class _Protocol:
             start if offsets is not None else self._nearer(start),
             offsets=offsets,
             starts=own.starts if self.balanced is None else 1,
-            tolerance=EXACT,
+            tolerance=FIT_SETTINGS.exact,
             seed=own.seed,
         )
         if declared is None:
@@ -284,8 +286,8 @@ class _Protocol:
             fit.effects,
             fit.point,
             near=fit,
-            offsets=starts_found(self.parts, fit, judged),
-            tolerance=EXACT,
+            offsets=starts_found(self.parts.folds, fit, judged),
+            tolerance=FIT_SETTINGS.exact,
         )
 
     def _whole(self, fit: Fit, again: Fit | None) -> PartFit:
@@ -344,12 +346,3 @@ class _Protocol:
             judged=selected,
             held_out=tested,
         )
-
-
-def starts_found(parts: LogParts, fit: Fit, judged: PartFit | None) -> np.ndarray:
-    """Offsets (window, state) of the starts where a refit on all that is not test begins: there it is nearly done."""
-    offsets = np.zeros((len(parts.number), fit.offsets.shape[1]))
-    offsets[parts.number == FIT] = fit.offsets
-    if judged is not None and len(parts.folds.folds) == 1:
-        offsets[parts.number == SELECT] = judged.offsets
-    return offsets[parts.number != TEST]

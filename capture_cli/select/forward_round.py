@@ -28,7 +28,6 @@ class ForwardRoundSettings:
 
 
 SETTINGS = ForwardRoundSettings()
-RIVALS = SETTINGS.rivals
 
 
 # Before it is said that nothing explains the log, the next best are fitted, as often as there are pairs here: those of

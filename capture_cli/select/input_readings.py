@@ -20,7 +20,8 @@ from capture_cli.select.beam import BeamSettings, grown
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.criterion import bic_gain
 from capture_cli.select.log_parts import LogParts
-from capture_cli.select.model_comparison import CLEARLY_BETTER, effective_samples
+from capture_cli.select.model_comparison import SETTINGS as COMPARISON
+from capture_cli.select.model_comparison import effective_samples
 
 NARROW = BeamSettings(width=2, branches=2, pairs=4)
 
@@ -89,7 +90,7 @@ def _fits_better(readings: Sequence[tuple[PreparedLog, BalancedModel]], threads:
     if before is None or after is None:
         return before is None and after is not None
     squares = before.penalised_squares, after.penalised_squares
-    return bic_gain(*squares, effective_samples(after), 0) > CLEARLY_BETTER
+    return bic_gain(*squares, effective_samples(after), 0) > COMPARISON.clearly_better
 
 
 def _fit(prepared: PreparedLog, model: BalancedModel, threads: int | None) -> Fit | None:

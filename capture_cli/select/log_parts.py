@@ -47,6 +47,11 @@ class Folds:
     fit: np.ndarray
     folds: tuple[tuple[np.ndarray, np.ndarray], ...]
 
+    @property
+    def seen(self) -> np.ndarray:
+        """What is fitted or judges, (window,): all that is not test."""
+        return np.any([self.fit, *(judged for _, judged in self.folds)], axis=0)
+
 
 def select_folds(episode: np.ndarray, is_test: np.ndarray) -> Folds:
     """Folds of the windows that are not test; by whole episodes where there are enough, else by blocks in a row.

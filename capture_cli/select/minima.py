@@ -27,7 +27,6 @@ class MinimaSettings:
 
 
 SETTINGS = MinimaSettings()
-RETURNED = SETTINGS.returned
 
 
 def minima(fits: ModelFits, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.fit import Fit, least
 from capture_cli.estimate.model_fits import ModelFits
@@ -16,23 +17,33 @@ from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.balance_scores import screening_of
 from capture_cli.select.candidates import Candidate
-from capture_cli.select.criterion import BLOCK_TIMES, TINY, Support, bic_gain, paired_p_value, ratio_p_value
+from capture_cli.select.criterion import SETTINGS as CRITERION
+from capture_cli.select.criterion import Support, bic_gain, paired_p_value, ratio_p_value
 from capture_cli.select.log_parts import Folds
 from capture_cli.select.score import similarity
 
-AGAIN_ROUNDS = 20  # in which a model without an effect is to get where it got with it
-INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
-AS_LIKELY = 4.0  # of twice the log likelihood, two sd: of less no difference is made, however steady it is
-CLEARLY_BETTER = 10.0  # of BIC: "very strong" (Kass & Raftery 1995)
-STRONG = 6.0  # of BIC, odds of 20 to 1: of less no winner is made, however steadily it comes
-CHANCE = 3.0  # sd of what hidden states of windows take by chance, beyond its mean, which is not counted
-AS_PLAIN = 1.0  # of BIC: by no more than this may what MuJoCo has itself be behind, to come first
 BETTER, TIED = "better", "tied with {mine}: this log cannot tell them apart"
 WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"
-SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no parameter value tells them apart
-# Beyond which an effect that has parameters more is tied, too, if it does no better: a lag of either order, and a delay
-SAME_HERE = 0.999
 
+
+@dataclass(frozen=True)
+class ComparisonSettings:
+    again_rounds: int = 20  # in which a model without an effect is to get where it got with it
+    indistinct: float = 0.05  # two models are tied where the paired test between them is not below this
+    # of twice the log likelihood, two sd: of less no difference is made, however steady it is
+    as_likely: float = 4.0
+    clearly_better: float = 10.0  # of BIC: "very strong" (Kass & Raftery 1995)
+    strong: float = 6.0  # of BIC, odds of 20 to 1: of less no winner is made, however steadily it comes
+    # sd of what hidden states of windows take by chance, beyond its mean, which is not counted
+    chance: float = 3.0
+    as_plain: float = 1.0  # of BIC: by no more than this may what MuJoCo has itself be behind, to come first
+    # cosine of two effects' responses beyond which no parameter value tells them apart
+    same_response: float = 0.9999
+    # beyond which an effect that has parameters more is tied, too, if it does no better: a lag of either order, a delay
+    same_here: float = 0.999
+
+
+SETTINGS = ComparisonSettings()
 _NOT_MADE = object()
 
 
@@ -81,15 +92,17 @@ class ModelComparison:
         """As it is, or fitted to that, too: its parameters may be no better known than the first fit leaves them."""
         if len(self.folds.folds) != 1:
             return True  # all windows are fitted
-        [(fitted, judged)] = self.folds.folds
         on = self.judge(fit)
         if not lack_held_out(on.evidence, on.residual).lacking:
             return True
-        seen, prepared = fitted | judged, self.fits.prepared
-        offsets = np.zeros((len(seen), fit.offsets.shape[1]))
-        offsets[fitted], offsets[judged] = fit.offsets, on.offsets
+        seen, [(_, judged)] = self.folds.seen, self.folds.folds
         both = self.fits.fit(
-            prepared.part(seen), fit.effects, fit.point, near=fit, offsets=offsets[seen], seed=self.seed
+            self.fits.prepared.part(seen),
+            fit.effects,
+            fit.point,
+            near=fit,
+            offsets=starts_found(self.folds, fit, on),
+            seed=self.seed,
         )
         if both is None or lack_of_fit(both.at).lacking:
             return False
@@ -182,13 +195,13 @@ class ModelComparison:
             current.effects,
             found.point[: len(current.point)],
             near=found,
-            rounds=AGAIN_ROUNDS,
+            rounds=SETTINGS.again_rounds,
             seed=self.seed,
         )
         if again is None:
             return None
         gain = bic_gain(current.penalised_squares, again.penalised_squares, effective_samples(again), 0)
-        if gain < CLEARLY_BETTER:
+        if gain < SETTINGS.clearly_better:
             return None
         self.know(again)
         return again
@@ -261,9 +274,9 @@ class ModelComparison:
         by which it is ahead of more than those that judge put it behind.
         """
         more, gain = self._more_and_gain(best, other)
-        if more < 0 and gain - self._behind(best, other) > STRONG:
+        if more < 0 and gain - self._behind(best, other) > SETTINGS.strong:
             return True
-        return gain > -CLEARLY_BETTER - _chance(best, other) and self._indistinct(best, other)
+        return gain > -SETTINGS.clearly_better - _chance(best, other) and self._indistinct(best, other)
 
     def best_of(self, some: Sequence[Compared]) -> Compared:
         """By BIC."""
@@ -275,7 +288,7 @@ class ModelComparison:
         more = len(other.point) - len(fit.point)
         if (
             bic_gain(fit.penalised_squares, other.penalised_squares, effective_samples(other), more)
-            < CLEARLY_BETTER
+            < SETTINGS.clearly_better
         ):
             return False
         before, after = self.judge(fit), self.judge(other)
@@ -299,16 +312,16 @@ class ModelComparison:
         if len(judged) < len(candidates):
             return np.log([c.fit.penalised_squares for c in candidates])
         length = _block_length(min(judged, key=lambda part: part.penalised_squares.sum()))
-        return np.array([np.log(np.maximum(part.blocks(length), TINY)).mean() for part in judged])
+        return np.array([np.log(np.maximum(part.blocks(length), REGRESSION.tiny)).mean() for part in judged])
 
     def _indistinct(self, best: Compared, other: Compared) -> bool:
-        if _similarity(best, other) > SAME_RESPONSE:
+        if _similarity(best, other) > SETTINGS.same_response:
             return True
-        as_likely = abs(self._behind(best, other)) < AS_LIKELY
+        as_likely = abs(self._behind(best, other)) < SETTINGS.as_likely
         if as_likely or best.select is None:
             return bool(as_likely)
         first, second = (best, other) if self._behind(best, other) >= 0 else (other, best)
-        return self._paired(second.select, first.select) > INDISTINCT
+        return self._paired(second.select, first.select) > SETTINGS.indistinct
 
     def _behind(self, best: Compared, other: Compared) -> float:
         """How far `other` is behind `best` in twice the log likelihood of the windows that judge."""
@@ -338,20 +351,33 @@ class ModelComparison:
         places = [c.placed.effect.place == "model" for c in (mine, other)]
         more, gain = self._more_and_gain(mine, other)
         return (
-            places == [False, True] and more == 0 and gain > -AS_PLAIN and self.compare(mine, other) == TIED
+            places == [False, True]
+            and more == 0
+            and gain > -SETTINGS.as_plain
+            and self.compare(mine, other) == TIED
         )
 
     def compare(self, mine: Candidate, other: Candidate) -> str:
         """Whether `other` is BETTER in the place of `mine`, or TIED with it, or why it is neither."""
         more, gain = self._more_and_gain(mine, other)
-        if more > 0 and gain < CLEARLY_BETTER:
-            is_same = similarity(mine.score.response, other.score.response) > SAME_HERE
+        if more > 0 and gain < SETTINGS.clearly_better:
+            is_same = similarity(mine.score.response, other.score.response) > SETTINGS.same_here
             return TIED if is_same and self._indistinct(mine, other) else NOT_WORTH_IT
-        if abs(gain) > STRONG and not self._indistinct(mine, other):
+        if abs(gain) > SETTINGS.strong and not self._indistinct(mine, other):
             return WORSE if self._behind(mine, other) >= 0 else BETTER
-        if abs(gain) > CLEARLY_BETTER + _chance(mine, other):
+        if abs(gain) > SETTINGS.clearly_better + _chance(mine, other):
             return WORSE if gain < 0 else BETTER
         return TIED
+
+
+def starts_found(folds: Folds, fit: Fit, judged: PartFit | None) -> np.ndarray:
+    """Offsets (window, state) of the starts where a refit on all that is not test begins: there it is nearly done."""
+    offsets = np.zeros((len(folds.fit), fit.offsets.shape[1]))
+    offsets[folds.fit] = fit.offsets
+    if judged is not None and len(folds.folds) == 1:
+        [(_, judging)] = folds.folds
+        offsets[judging] = judged.offsets
+    return offsets[folds.seen]
 
 
 def _similarity(one: Compared, other: Compared) -> float:
@@ -365,12 +391,12 @@ def _similarity(one: Compared, other: Compared) -> float:
 def _chance(one: Compared, other: Compared) -> float:
     """How much of BIC two fits may differ by because of what their hidden states took of the noise."""
     taken = one.fit.at.fitted_hidden.sum() + other.fit.at.fitted_hidden.sum()
-    return CHANCE * float(np.sqrt(2 * taken))
+    return SETTINGS.chance * float(np.sqrt(2 * taken))
 
 
 def _block_length(judged: PartFit) -> int:
     """Steps of blocks that are about independent."""
-    return int(np.ceil(BLOCK_TIMES * judged.correlation_steps))
+    return int(np.ceil(CRITERION.block_times * judged.correlation_steps))
 
 
 def effective_samples(fit: Fit) -> float:

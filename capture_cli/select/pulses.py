@@ -26,7 +26,6 @@ class PulsesSettings:
 
 
 SETTINGS = PulsesSettings()
-MOST = SETTINGS.most
 
 
 class Pulses(JointEffect):

@@ -23,7 +23,6 @@ class RejectionSettings:
 
 
 SETTINGS = RejectionSettings()
-MATERIAL = SETTINGS.material
 
 
 def implausible(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:

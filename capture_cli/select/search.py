@@ -13,28 +13,40 @@ from itertools import takewhile
 import numpy as np
 
 from capture_cli.errors import OutOfTime
+from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import ModelFits
-from capture_cli.estimate.noise.lack_of_fit import NEAR_FLOOR
+from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.balance_round import BalanceRound
 from capture_cli.select.balance_scores import score_in_balance
 from capture_cli.select.candidates import Candidate, all_candidates, worth_a_refit
-from capture_cli.select.criterion import TINY, Support
-from capture_cli.select.forward_round import RIVALS, ForwardRound, Scores, by_score
+from capture_cli.select.criterion import Support
+from capture_cli.select.forward_round import SETTINGS as FORWARD_ROUND
+from capture_cli.select.forward_round import ForwardRound, Scores, by_score
 from capture_cli.select.log_parts import Folds
 from capture_cli.select.model_comparison import TIED, WORSE, FittedSet, ModelComparison
-from capture_cli.select.rejection import MATERIAL, implausible
+from capture_cli.select.rejection import SETTINGS as REJECTION
+from capture_cli.select.rejection import implausible
 from capture_cli.select.score import Score
 
-MOST_EFFECTS = 6
-# Of what the declared model leaves above the noise floor: one that takes less is minor. A model that is wrong in a way
-# that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one alone
-# comes near the floor.
-MINOR, MOST_MINOR = 0.05, 2
-AS_MUCH = 0.8  # of an effect's score, with the others in: what has more may be what is there in its place
+
+@dataclass(frozen=True)
+class SearchSettings:
+    most_effects: int = 6
+    # Of what the declared model leaves above the noise floor: one that takes less is minor. A model that is wrong in a
+    # way that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one
+    # alone comes near the floor.
+    minor: float = 0.05
+    most_minor: int = 2
+    as_much: float = (
+        0.8  # of an effect's score, with the others in: what has more may be what is there in its place
+    )
+
+
+SETTINGS = SearchSettings()
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
 STEPS_AS_WELL = "{mine} does as well, and so do steps of this length"
 
@@ -84,7 +96,7 @@ class Attribution:
         folds: Folds,
         *,
         seed: int,
-        most_effects: int = MOST_EFFECTS,
+        most_effects: int = SETTINGS.most_effects,
         candidates: Sequence[Candidate] | None = None,
         on_step: Callable[[str, int, int, Sequence[str]], None] = lambda *_: None,
     ):
@@ -95,7 +107,7 @@ class Attribution:
         self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
         self.models.candidates = self.candidates
         self.accepted: list[Accepted] = []
-        self.excess = TINY  # squared error above the noise floor of the declared model
+        self.excess = REGRESSION.tiny  # squared error above the noise floor of the declared model
         self.exhausted = False  # whether the force balance has no more that holds
         self.out_of_time = False
 
@@ -124,7 +136,7 @@ class Attribution:
         while self._count < self.most_effects and not self.models.is_explained(current):
             known = len(self.accepted)
             if not known:
-                self.excess = max(current.excess, TINY)
+                self.excess = max(current.excess, REGRESSION.tiny)
             found = self._next(current)
             if found is None:
                 break
@@ -136,7 +148,7 @@ class Attribution:
                 continue
             found = self._split(found, self.accepted[known:])
             current = self._keep(self._backward(found, self.accepted, Support.reason_against_entry))
-            if len(self._minor) >= MOST_MINOR and not self.models.is_explained(current):
+            if len(self._minor) >= SETTINGS.most_minor and not self.models.is_explained(current):
                 break
         current = self._without_minor(current)
         current = self._keep(self._backward(current, self.accepted, Support.reason_against))
@@ -154,12 +166,12 @@ class Attribution:
     @property
     def _minor(self) -> list[Accepted]:
         """The last of the accepted effects, as far as they are minor."""
-        return list(takewhile(lambda a: a.share < MINOR, reversed(self.accepted)))
+        return list(takewhile(lambda a: a.share < SETTINGS.minor, reversed(self.accepted)))
 
     def _without_minor(self, current: Fit) -> Fit:
         """`current` less the minor effects that came last, where they explain nothing after all."""
         minor = self._minor
-        if self.models.is_explained(current) or (len(minor) == 1 and current.error <= NEAR_FLOOR):
+        if self.models.is_explained(current) or (len(minor) == 1 and current.error <= LACK_OF_FIT.near_floor):
             return current
         for accepted in minor:
             without = self.models.without(current, accepted.name)
@@ -232,7 +244,7 @@ class Attribution:
         return None if choice is None else self._with(*choice, current)
 
     def _leaves_much(self, fit: Fit, current: Fit) -> bool:
-        return not self.models.is_explained(fit) and fit.excess > MATERIAL * current.excess
+        return not self.models.is_explained(fit) and fit.excess > REJECTION.material * current.excess
 
     def _better(self, one: Choice | None, other: Choice | None) -> Choice | None:
         if one is None or other is None:
@@ -349,10 +361,12 @@ class Attribution:
             if mine is None:
                 continue
             known = {r.name for r in accepted.rivals}
-            new = [c for c in ranked if c.score.gain > AS_MUCH * mine.score.gain and c.name not in known]
+            new = [
+                c for c in ranked if c.score.gain > SETTINGS.as_much * mine.score.gain and c.name not in known
+            ]
             new, _ = worth_a_refit([c for c in new if c is not mine])
             accepted.score = mine.score
-            accepted.rivals = [*(c for c in ranked if c.name in known), *new[:RIVALS]]
+            accepted.rivals = [*(c for c in ranked if c.name in known), *new[: FORWARD_ROUND.rivals]]
 
     def _scored(self, current: Fit, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Those of the candidates that their scores speak for in `current`, best first."""
@@ -361,7 +375,7 @@ class Attribution:
             Scores(self.models, current, self._step).score(candidates)
             return by_score(candidates)
         candidates = [c for c in candidates if c.name in screening.covered]
-        score_in_balance(screening, current, candidates, RIVALS)
+        score_in_balance(screening, current, candidates, FORWARD_ROUND.rivals)
         return by_score(candidates)
 
     def _compare_with_rivals(self, current: Fit) -> Fit:

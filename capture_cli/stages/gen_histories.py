@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,9 +14,8 @@ import numpy as np
 from capture_cli.common.extras import require
 from capture_cli.common.progress import Progress
 from capture_cli.context import observation_noise
-from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
-from capture_cli.context.checkpoints.policy_checkpoint import SETTINGS, load_policy
-from capture_cli.context.histories.action_library import sequence_task
+from capture_cli.context.checkpoints.policy_checkpoint import load_policy, played, recorded_policy
+from capture_cli.context.histories.action_library import library_hash, sequence_task
 from capture_cli.context.histories.history_recipe import Recipe
 from capture_cli.context.histories.moving_parameters import check_parameters_move_trajectories
 from capture_cli.context.histories.resumed_histories import is_complete, place, shards_to_make
@@ -29,7 +27,6 @@ from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.model.effects.ranges import EffectRanges
 from capture_cli.model.model_hash import model_hash
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.model.tasks.aimed_task import with_reward
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.model.tasks.sequence_task import SequenceTask
 from capture_cli.options.base import takes_options
@@ -112,8 +109,7 @@ def _check(options: GenHistoriesOptions) -> None:
 def _action_task(machine: Task, options: GenHistoriesOptions) -> ActionTask:
     """A built-in task as it is; that of a task.toml with actions of its policy, or made as the options say."""
     given = {n: v for n in OF_SEQUENCES if (v := getattr(options, n)) not in (None, {})}
-    if (Path(options.policy) / SETTINGS).is_file():
-        machine = with_reward(machine)
+    machine = played(machine, options.policy)
     if not isinstance(machine, ActionTask):
         return sequence_task(machine, **given, seed=options.seed)
     if given:
@@ -156,14 +152,13 @@ def _search(name: str, alpha: float | None) -> Search:
 
 def _attributes(recipe: Recipe, options: GenHistoriesOptions) -> dict[str, Any]:
     """All that the store says of itself; equal attributes mean equal bytes."""
-    task, policy = recipe.task, options.policy
-    checkpoint = (Path(policy) / SETTINGS).is_file()
+    task = recipe.task
     return {
         "task": task.name,
         "model": model_hash(task.model),
         "parameters": _box(task.space),
         "actions": _box(task.actions),
-        "library": _hash(library) if (library := getattr(task, "library", None)) is not None else None,
+        "library": library_hash(task),
         "features": [{"name": f.name, "unit": f.unit, "scale": f.scale} for f in task.features],
         "point_times": np.asarray(task.point_times, dtype=float).tolist(),
         "pairs": options.pairs,
@@ -174,10 +169,7 @@ def _attributes(recipe: Recipe, options: GenHistoriesOptions) -> dict[str, Any]:
         "effects": recipe.effects.rows(),
         "noise": recipe.noise,
         "noise_sd": {f.name: s for f, s in zip(task.features, recipe.noise_sd, strict=True)},
-        "policy": {
-            "name": Path(policy).name if checkpoint else policy,
-            "sha256": checkpoint_hash(policy) if checkpoint else None,
-        },
+        "policy": recorded_policy(options.policy),
         "seed": recipe.seed,
         "mujoco": mujoco.__version__,
     }
@@ -185,10 +177,6 @@ def _attributes(recipe: Recipe, options: GenHistoriesOptions) -> dict[str, Any]:
 
 def _box(space: ParameterSpace) -> list[dict[str, Any]]:
     return [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high} for p in space]
-
-
-def _hash(array: np.ndarray) -> str:
-    return hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
 
 
 # --- the work ---

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.named_arrays import check_shapes
+from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.policies import REGISTRY
 from capture_cli.context.policies.base import Policy
 from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.model.tasks.base import ActionTask
+from capture_cli.model.tasks.aimed_task import with_reward
+from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.store.document_shape import BOUNDS, COUNT, EFFECTS, NUMBER, OBJECT, TEXT, check_shape
 from capture_cli.store.provenance import write_json
 from capture_cli.store.result import DocumentKind, read_result
@@ -64,6 +66,23 @@ def save_policy(
     return document
 
 
+def is_checkpoint(policy: str | Path) -> bool:
+    """Whether that is the path of a policy that was trained."""
+    return (Path(policy) / SETTINGS).is_file()
+
+
+def played(machine: Task, policy: str) -> Task:
+    """The task that `policy` plays: of a machine with a [reward] one that was trained has actions of its own."""
+    return with_reward(machine) if is_checkpoint(policy) else machine
+
+
+def recorded_policy(policy: str) -> dict[str, str | None]:
+    """What outputs say of who chose actions."""
+    if is_checkpoint(policy):
+        return {"name": Path(policy).name, "sha256": checkpoint_hash(policy)}
+    return {"name": policy, "sha256": None}
+
+
 def load_policy(name: str, task: ActionTask) -> Policy:
     """The policy called `name`, or that of the checkpoint at that path.
 
@@ -71,7 +90,7 @@ def load_policy(name: str, task: ActionTask) -> Policy:
     read.
     """
     path = Path(name)
-    if (path / SETTINGS).is_file():
+    if is_checkpoint(path):
         return _from_checkpoint(path, task)
     untrained = [n for n, c in REGISTRY.items() if not c.trained]
     if name in untrained:

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from capture_cli.context import observation_noise
-from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
-from capture_cli.context.checkpoints.policy_checkpoint import SETTINGS, load_policy
+from capture_cli.context.checkpoints.policy_checkpoint import (
+    is_checkpoint,
+    load_policy,
+    played,
+    recorded_policy,
+)
 from capture_cli.context.evaluation.evaluated_identifier import Evaluated, load_evaluated, require_extras
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
-from capture_cli.context.histories.action_library import task_of_histories
+from capture_cli.context.histories.action_library import library_hash, task_of_histories
 from capture_cli.errors import OptionError, TaskError
 from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks import load_task
-from capture_cli.model.tasks.aimed_task import with_reward
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.options.eval_sim2sim import EvalSim2SimOptions
 
@@ -84,7 +84,7 @@ def evaluation_plan(
     ]
     noise = f"{noise} (known)" if options.known_noise else noise
     inputs = [e.path for e in evaluated if e.path is not None]
-    inputs += [Path(policy)] if (Path(policy) / SETTINGS).is_file() else []
+    inputs += [Path(policy)] if is_checkpoint(policy) else []
     inputs += [options.histories] if options.histories is not None else []
     return EvaluationPlan(
         evaluated, draws, _attributes(machine, effects, policy, noise, options.seed, evaluated), inputs
@@ -101,9 +101,7 @@ def _action_task(name: str | None, policy: str, histories: Path | None) -> Actio
     """The task with actions: of a task.toml those of its policy, or of the rounds of `histories`."""
     if name is None:
         raise OptionError("no --task", cure="name one, or run all with --suite paper")
-    machine = load_task(name)
-    if (Path(policy) / SETTINGS).is_file():
-        machine = with_reward(machine)
+    machine = played(load_task(name), policy)
     if isinstance(machine, ActionTask):
         if histories is not None:
             raise OptionError(
@@ -122,23 +120,15 @@ def _action_task(name: str | None, policy: str, histories: Path | None) -> Actio
 def _attributes(
     task: ActionTask, effects: EffectRanges, policy: str, noise: str, seed: int, evaluated: list[Evaluated]
 ) -> dict:
-    checkpoint = (Path(policy) / SETTINGS).is_file()
+    chooses = recorded_policy(policy)
     return {
         "task": task.name,
         "parameters": [{k: getattr(p, k) for k in ("name", "unit", "low", "high")} for p in task.space],
         "features": [{"name": f.name, "unit": f.unit, "scale": f.scale} for f in task.features],
         "identifiers": [{"label": e.label, **e.facts} for e in evaluated],
-        "policy": {
-            "name": Path(policy).name if checkpoint else policy,
-            "sha256": checkpoint_hash(policy) if checkpoint else _library_hash(task),
-        },
+        # one that was not trained draws from the library, where there is one
+        "policy": chooses if chooses["sha256"] else {**chooses, "sha256": library_hash(task)},
         "effects": effects.rows(),
         "noise": noise,
         "seed": seed,
     }
-
-
-def _library_hash(task: ActionTask) -> str | None:
-    """Of the actions that a random policy draws from, where there are so many and no others."""
-    library = getattr(task, "library", None)
-    return None if library is None else hashlib.sha256(np.ascontiguousarray(library).tobytes()).hexdigest()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -102,6 +103,12 @@ def sequence_task(
     # in single precision, so that the last bits of a least-squares fit do not make another library elsewhere
     library = np.float32(tapes.actions).astype(float)
     return SequenceTask(machine, point_times, library, np.where(scale > 0, np.float32(scale), 1.0))
+
+
+def library_hash(task: Task) -> str | None:
+    """Of the actions of a task that has so many and no others; None of one whose actions are a range."""
+    library = getattr(task, "library", None)
+    return None if library is None else hashlib.sha256(np.ascontiguousarray(library).tobytes()).hexdigest()
 
 
 def task_of_histories(machine: Task, location: Path) -> SequenceTask:

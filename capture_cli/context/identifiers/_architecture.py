@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from capture_cli.errors import OptionError, did_you_mean
@@ -17,6 +18,12 @@ class ArchitectureSettings:
     smallest_sd: float = 1e-4
     largest_sd: float = 1.0
     first_sd: float = 0.3  # about that of a uniform draw, where training begins
+
+    @property
+    def log_sds(self) -> tuple[float, float, float]:
+        """The logarithms of the bounds, and what a sigmoid between them is given for the first one."""
+        low, high, first = (math.log(sd) for sd in (self.smallest_sd, self.largest_sd, self.first_sd))
+        return low, high, math.log((first - low) / (high - first))
 
 
 SETTINGS = ArchitectureSettings()

@@ -80,8 +80,7 @@ def _attend(network: Arrays, name: str, x: np.ndarray, heads: int) -> np.ndarray
 
 def _whitening(size: int, network: Arrays, last: np.ndarray) -> np.ndarray:
     raw = _linear(network, "spread_head.2", _gelu(_linear(network, "spread_head.0", last)))
-    low, high = math.log(ARCHITECTURE.smallest_sd), math.log(ARCHITECTURE.largest_sd)
-    first = math.log((math.log(ARCHITECTURE.first_sd) - low) / (high - math.log(ARCHITECTURE.first_sd)))
+    low, high, first = ARCHITECTURE.log_sds
     log_sd = low + (high - low) / (1 + np.exp(-(raw[:, :size] + first)))
     whitening = np.zeros((len(raw), size, size), dtype=raw.dtype)
     whitening[:, np.arange(size), np.arange(size)] = np.exp(-log_sd)

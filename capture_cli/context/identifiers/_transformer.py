@@ -165,8 +165,7 @@ class Transformer(nn.Module):
         size = self.architecture.parameters
         raw = self.spread_head(last)
         # an sd is bounded smoothly, so that no gradient dies at a bound
-        low, high = math.log(ARCHITECTURE.smallest_sd), math.log(ARCHITECTURE.largest_sd)
-        first = math.log((math.log(ARCHITECTURE.first_sd) - low) / (high - math.log(ARCHITECTURE.first_sd)))
+        low, high, first = ARCHITECTURE.log_sds
         log_sd = low + (high - low) * torch.sigmoid(raw[..., :size] + first)
         diagonal = torch.diag_embed(torch.exp(-log_sd))
         rows, columns = torch.tril_indices(size, size, offset=-1, device=raw.device)

@@ -30,7 +30,6 @@ class LackOfFitSettings:
 
 
 SETTINGS = LackOfFitSettings()
-NEAR_FLOOR = SETTINGS.near_floor
 
 
 @dataclass(frozen=True)
