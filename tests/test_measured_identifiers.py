@@ -71,6 +71,6 @@ def test_rows_of_other_code_are_left_out(tmp_path, monkeypatch):
     made = {"taken_over": {"identifiers": ["capture"]}}
     (tmp_path / "e" / "provenance.json").write_text(json.dumps(made))
     assert list(Measured.read("e").rows) == ["capture-trajectory (binary)"]
-    assert measured_identifiers._folders("t") == []
+    assert measured_identifiers._measured("t") == []
     (tmp_path / "e" / "provenance.json").write_text(json.dumps({"code": "0", **made}))
-    assert measured_identifiers._folders("t") == ["e"]
+    assert [m.folder for m in measured_identifiers._measured("t")] == ["e"]

@@ -14,7 +14,8 @@ import numpy as np
 from capture_cli.common.extras import require
 from capture_cli.common.progress import Progress
 from capture_cli.context import observation_noise
-from capture_cli.context.checkpoints.policy_checkpoint import load_policy, played, recorded_policy
+from capture_cli.context.checkpoints.checkpoint_hash import recorded_policy
+from capture_cli.context.checkpoints.policy_checkpoint import load_policy, played
 from capture_cli.context.histories.action_library import library_hash, sequence_task
 from capture_cli.context.histories.history_recipe import Recipe
 from capture_cli.context.histories.moving_parameters import check_parameters_move_trajectories

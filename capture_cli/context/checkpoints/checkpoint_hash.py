@@ -33,3 +33,10 @@ def with_new_hashes(recorded: Any, checkpoints: Iterable[str | Path]) -> Any:
     for folder in checkpoints:
         text = text.replace(sha256(Path(folder)), checkpoint_hash(folder))
     return json.loads(text)
+
+
+def recorded_policy(policy: str) -> dict[str, str | None]:
+    """What outputs say of who chose actions."""
+    if policy_checkpoint.is_checkpoint(policy):
+        return {"name": Path(policy).name, "sha256": checkpoint_hash(policy)}
+    return {"name": policy, "sha256": None}

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.named_arrays import check_shapes
-from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.policies import REGISTRY
 from capture_cli.context.policies.base import Policy
 from capture_cli.errors import OptionError, StoreError, did_you_mean
@@ -74,13 +73,6 @@ def is_checkpoint(policy: str | Path) -> bool:
 def played(machine: Task, policy: str) -> Task:
     """The task that `policy` plays: of a machine with a [reward] one that was trained has actions of its own."""
     return with_reward(machine) if is_checkpoint(policy) else machine
-
-
-def recorded_policy(policy: str) -> dict[str, str | None]:
-    """What outputs say of who chose actions."""
-    if is_checkpoint(policy):
-        return {"name": Path(policy).name, "sha256": checkpoint_hash(policy)}
-    return {"name": policy, "sha256": None}
 
 
 def load_policy(name: str, task: ActionTask) -> Policy:

@@ -8,12 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from capture_cli.context import observation_noise
-from capture_cli.context.checkpoints.policy_checkpoint import (
-    is_checkpoint,
-    load_policy,
-    played,
-    recorded_policy,
-)
+from capture_cli.context.checkpoints.checkpoint_hash import recorded_policy
+from capture_cli.context.checkpoints.policy_checkpoint import is_checkpoint, load_policy, played
 from capture_cli.context.evaluation.evaluated_identifier import Evaluated, load_evaluated, require_extras
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
 from capture_cli.context.histories.action_library import library_hash, task_of_histories

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from capture_cli.errors import FitError, LogError, OptionError
@@ -18,7 +17,7 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.input_sequences import inputs_at
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import Windows
-from capture_cli.model.model_hash import model_hash
+from capture_cli.model.model_hash import is_of_another
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import Task
 from capture_cli.model.tasks.sequence_task import SequenceTask, actions_of, resample
@@ -126,7 +125,7 @@ def task_of_histories(machine: Task, location: Path) -> SequenceTask:
             ("parameters", [p["name"] for p in about["parameters"]] == list(machine.space.names)),
             ("outputs", [f["name"] for f in about["features"]] == outputs),
             ("actions", about["library"] is not None),
-            ("model", about["mujoco"] != mujoco.__version__ or about["model"] == model_hash(machine.model)),
+            ("model", not is_of_another(about, machine.model)),
         )
         if not same
     ]

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
 import capture_cli
@@ -18,7 +17,7 @@ from capture_cli.context.identifiers.base import Rounds, Signature, Walk, run_ro
 from capture_cli.errors import LogError, OptionError
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.model.model_hash import model_hash
+from capture_cli.model.model_hash import is_of_another
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.model.tasks.sequence_task import SequenceTask
 from capture_cli.options.identify import IdentifyOptions
@@ -147,12 +146,8 @@ class InContext:
 
     @property
     def other_model(self) -> bool:
-        """Whether the histories were of another model; another version of MuJoCo writes models otherwise: then it is
-        not known.
-        """
-        histories = self.checkpoint.document["histories"]
-        known = histories["mujoco"] == mujoco.__version__
-        return known and histories["model"] != model_hash(self.logged.task.model)
+        """Whether the histories were of another model, as far as that is known."""
+        return is_of_another(self.checkpoint.document["histories"], self.logged.task.model)
 
     @property
     def in_family(self) -> bool:
