@@ -195,6 +195,21 @@ def test_models_of_users_are_compiled_in_one_place():
     assert found - own == {"model.mjcf.model_file", "model.mjcf.mjcf_writer"}
 
 
+def test_robosuite_is_patched_before_anything_of_it_is_imported():
+    """A move once lost the import, and no scene ran."""
+    scenes = 0
+    for module, tree in trees().items():
+        if module.startswith("context.worlds.") and module != "context.worlds._robosuite":
+            lines = [ast.unparse(n) for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
+            of_it = [
+                k for k, line in enumerate(lines) if line.startswith(("import robosuite", "from robosuite"))
+            ]
+            patch = "from capture_cli.context.worlds import _robosuite"
+            assert not of_it or lines.index(patch) < of_it[0], module
+            scenes += bool(of_it)
+    assert scenes > 2
+
+
 def test_a_wheel_holds_what_is_no_module():
     """Models and templates: by the patterns of pyproject.toml, each of a package and not of its subfolders."""
     project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))

@@ -5,13 +5,13 @@ The model of the plant is part of the scene as it stands, and stepped with its o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 # patches robosuite, and says so where it is missing: before anything of it is imported
+from capture_cli.context.worlds import _robosuite  # noqa: F401
 
 # isort: split
 import xml.etree.ElementTree as ElementTree
 from abc import abstractmethod
+from dataclasses import dataclass
 
 import numpy as np
 from robosuite.environments.manipulation.manipulation_env import ManipulationEnv

@@ -9,13 +9,13 @@ the scene as it stands, and stepped with its options, so that a mallet that move
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 # patches robosuite, and says so where it is missing: before anything of it is imported
+from capture_cli.context.worlds import _robosuite  # noqa: F401
 
 # isort: split
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import gymnasium
 import mujoco

@@ -9,12 +9,12 @@ scene as it stands, and stepped with its options, so that a spatula that moves a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 # patches robosuite, and says so where it is missing: before anything of it is imported
+from capture_cli.context.worlds import _robosuite  # noqa: F401
 
 # isort: split
 import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
 from pathlib import Path
 
 import gymnasium
