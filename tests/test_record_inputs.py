@@ -269,3 +269,13 @@ def test_an_effect_beyond_its_range_is_doubted(slider_task, tmp_path, delay, dou
     )
     assert len(made.doubts) == doubted
     assert all("control-delay@drive.delay = 12 s is outside the range" in doubt for doubt in made.doubts)
+
+
+def test_a_log_begins_when_its_latest_sensor_reports(slider_task, tmp_path):
+    """The inputs are constant, so a late sensor reports the same motion: from the start on, not one before it."""
+    options = {"duration": 1.0, "amplitude": {"drive": 0.0}, "start_velocity": {"x": (1.0, 1.0)}, "threads": 1}
+    plain = record(task=slider_task, out=tmp_path / "plain.zarr", **options).log
+    effects = ["sensor-delay@q=0.03"]
+    late = record(task=slider_task, out=tmp_path / "late.zarr", effects=effects, **options).log
+    assert np.ptp(plain.values) > 0.1
+    np.testing.assert_allclose(late.values, plain.values, atol=1e-12)

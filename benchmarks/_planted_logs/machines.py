@@ -90,7 +90,7 @@ class Experiment:
         point = np.concatenate([self.parameters, *(values for _, values in planted)])
         whole = self.cut(np.zeros_like(self.noise), None)
         simulator = Simulator(self.task, [("planted", effect) for effect, _ in planted], threads=1)
-        simulated = simulator.simulate(whole, self.starts, point[None])
+        simulated = simulator.simulate(whole, self.starts, point[None], logged=True)
         return None if simulated.diverged.any() else simulated.outputs[0][whole.mask]
 
     def cut(self, outputs: np.ndarray, duration: float | None):

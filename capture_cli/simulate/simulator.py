@@ -74,7 +74,7 @@ class Begun:
 class _Runs:
     """Simulations of the windows `row` (simulation,), each (simulation, parameter); starts are one per window.
 
-    offsets (simulation, state) and reported are as for `Simulator.simulate`.
+    offsets (simulation, state), reported and logged are as for `Simulator.simulate`.
     """
 
     windows: Windows
@@ -83,6 +83,7 @@ class _Runs:
     each: np.ndarray
     offsets: np.ndarray | None
     reported: ReportedMotion | None
+    logged: bool = False
 
     @classmethod
     def at(
@@ -209,13 +210,17 @@ class Simulator:
         parameters: np.ndarray,
         offsets: np.ndarray | None = None,
         reported: ReportedMotion | None = None,
+        *,
+        logged: bool = False,
     ) -> Simulated:
         """Simulate every window under every candidate.
 
         starts: one per window. parameters (candidate, parameter). offsets (candidate, window, state): how far each
         start is moved, in the tangent space of the state, and then what the effects' hidden states begin with; None
         moves none. reported: what the starts were read off, where that was the sensors: the measurement effects
-        correct them. What several candidates share, a window that they do not differ in, is simulated once.
+        correct them. logged: the windows are what a logger has of whole episodes. It begins when the latest of the
+        sensors reports the start; the machine is under its first inputs until then.
+        What several candidates share, a window that they do not differ in, is simulated once.
         """
         parameters = np.atleast_2d(np.asarray(parameters, dtype=float))
         candidates = len(parameters)
@@ -230,7 +235,7 @@ class Simulator:
             for few in self._at_a_time(row, part):
                 own = None if moved is None else moved[candidate[few], row[few]]
                 each = self._with_known(parameters[candidate[few]])
-                rollouts = self._rollout(_Runs(part, starts.rows(group), row[few], each, own, motion))
+                rollouts = self._rollout(_Runs(part, starts.rows(group), row[few], each, own, motion, logged))
                 number, window = candidate[few], group[row[few]]
                 outputs[number, window, :steps] = part.sample(rollouts.sensors, row[few])
                 diverged[number, window] = rollouts.diverged
@@ -330,10 +335,10 @@ class Simulator:
         if runs.offsets is not None:
             starts = shift(self.task.model, starts, runs.offsets[:, : self._own_states])
             hidden = runs.offsets[:, self._own_states :]
-        early = np.zeros(len(row))
+        late = self._lateness(each, windows.elapsed[row])
+        early = late[:, self._sensors].max(axis=1, initial=0.0) * runs.logged
         if runs.reported is not None and (self._measures or self.substeps > 1):
             here = runs.reported.rows(row)
-            late = self._lateness(each, windows.elapsed[row])
             early = late[:, self._sensors].max(axis=1, initial=0.0) * here.read
             change = self._start_change(here, early[:, None] - late, each, windows.elapsed[row])
             starts = shift(self.task.model, starts, change)

@@ -199,7 +199,10 @@ def _simulate(simulator: Simulator, driven: Drive, point: np.ndarray) -> np.ndar
         has_gaps=False,
     )
     try:
-        simulated = simulator.simulate(windows, replace(driven.starts, time=windows.time), point[None])
+        starts = replace(driven.starts, time=windows.time)
+        # an action says where the machine is when the log begins
+        logged = not isinstance(machine, ActionTask)
+        simulated = simulator.simulate(windows, starts, point[None], logged=logged)
     except SimulationError as error:
         raise _not_simulated(simulator, point, f"MuJoCo does not simulate that: {error}") from error
     if simulated.diverged.any():
