@@ -69,7 +69,7 @@ class Made:
     def screening(self, placed: Sequence[Placed] | None = None, threads: int = 1) -> Screening:
         """From the middle of the parameters' ranges."""
         nominal = self.experiment.task.space.nominal
-        return Screening(self.smoothed, self.placed if placed is None else placed, nominal, threads=threads)
+        return Screening.of(self.smoothed, self.placed if placed is None else placed, nominal, threads)
 
     def white(self, columns: Sequence) -> np.ndarray:
         """White rows (row, column) of accelerations."""

@@ -9,6 +9,8 @@ import pytest
 from balances import COVERED, Made, away
 
 from capture_cli.estimate.balance.dictionary import atoms
+from capture_cli.estimate.balance.force_balance import ForceBalance
+from capture_cli.estimate.balance.whitening import Whitening
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects._periodic_force import PeriodicForce
 
@@ -130,6 +132,29 @@ def test_with_nothing_missing_what_is_left_is_the_noise(machine):
     white = own.white([own.balance.null])
     # a fast motion is smoothed a little more than the noise says
     assert 0.9 < np.sqrt(np.mean(np.square(white))) < 1.4
+
+
+# sizes beyond which the change is not in proportion any more
+FAR = {
+    "sensor-delay": ("q2", 0.08),  # 20 ms
+    "sensor-scale": ("q1", 0.5),
+    "control-delay": ("shoulder", 0.5),
+    "reflected-inertia": ("elbow", 0.3),
+}
+
+
+@pytest.mark.parametrize("name", FAR)
+def test_about_what_acts_nothing_is_left_but_the_noise(name):
+    site, share = FAR[name]
+    own = Made.of("arm", (name, site, share), seed=1)
+    [(effect, values)] = own.planted
+    about = ForceBalance(own.smoothed, own.truth, 1, [(effect, values)])
+    whitening = Whitening(about)
+    white = np.concatenate(whitening.whitened(whitening.rows([about.null])))
+    assert np.sqrt(np.mean(np.square(own.white([own.balance.null])))) > 10
+    assert 0.9 < np.sqrt(np.mean(np.square(white))) < 1.4
+    here, further = sizes(about.of_effect(effect, np.stack([values, values * 1.1])))
+    assert here < 1e-9 * further
 
 
 def test_velocities_are_those_that_each_integrator_works_with():

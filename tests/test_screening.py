@@ -161,7 +161,7 @@ def screening_of_case(case: Case, *names: str) -> Screening:
     task, log, _ = case.build()
     prepared = prepare(log, task, window=None, test=None, seed=0)
     placed = [c.placed for c in all_candidates(prepared) if not names or c.name in names]
-    return Screening(SmoothedLog.of(log_of(prepared), prepared.task), placed, task.space.nominal, threads=1)
+    return Screening.of(SmoothedLog.of(log_of(prepared), prepared.task), placed, task.space.nominal, 1)
 
 
 def additions_of(case: Case, *names: str) -> dict[str, float]:
@@ -195,7 +195,7 @@ def test_slow_noise_of_sensors_is_none_of_the_model():
     )
     placed = [c.placed for c in all_candidates(prepared) if c.placed.kind == "coulomb-friction"]
     smoothed = SmoothedLog.of(log_of(prepared), prepared.task)
-    own = Screening(smoothed, placed, prepared.task.space.nominal, threads=1)
+    own = Screening.of(smoothed, placed, prepared.task.space.nominal, 1)
     (found,) = own.additions((), ())
     assert own.whitening.slow_noise.max() > 0.5
     assert found.gain > 5 * found.error > 0

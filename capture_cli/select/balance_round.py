@@ -28,8 +28,7 @@ class BalanceRound:
     most: effects, or laws at all of their places, to add. on_step is told what is being tried, the number of it, and of
     how many.
 
-    ranked: candidates that their scores speak for, best first. exhausted: whether larger models were fitted, too, and
-    none held.
+    ranked: candidates that their scores speak for, best first.
     """
 
     def __init__(
@@ -45,7 +44,6 @@ class BalanceRound:
         self.models = models
         self.current = current
         self.on_step = on_step
-        self.exhausted = False
         self.candidates = {c.name: c for c in candidates}
         score_in_balance(screening, current, candidates)
         self.ranked = by_score(candidates)
@@ -103,7 +101,6 @@ class BalanceRound:
                 self._others = level.others
             more = self._fit(level.as_good, smaller)
             found += more
-            self.exhausted = larger and smaller is not self.current and not more
             if (larger and not more) or self._explained(found):
                 break
         return self._with_unions(found)

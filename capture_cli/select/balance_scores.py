@@ -30,7 +30,7 @@ def screening_of(
         return None
     placed, nominal = [c.placed for c in candidates], prepared.task.space.nominal
     try:
-        return Screening(smoothed, placed, nominal, threads=threads, on_step=on_step)
+        return Screening.of(smoothed, placed, nominal, threads, on_step)
     except LogError:  # too short
         return None
 

@@ -78,6 +78,7 @@ class ModelComparison:
         self.seed = seed
         self.candidates: Sequence[Candidate] = ()
         self._screening: Screening | object | None = _NOT_MADE
+        self._about: tuple[Fit, Screening] | None = None
         self._fitted: dict[tuple[str, ...], Fit | None] = {}
         self._judged: dict[Fit, PartFit] = {}
         self._explained: dict[Fit, bool] = {}
@@ -109,8 +110,19 @@ class ModelComparison:
         own = PartFit.of(both.at).rows(judged[seen])
         return not lack_held_out(own.evidence, own.residual).lacking
 
+    def screening_about(self, fit: Fit, on_step: Callable[[str, int, int], None]) -> Screening | None:
+        """Of the `candidates` in the force balance of a model; None where there is none."""
+        declared = self.screening(on_step)
+        if declared is None or not fit.effects:
+            return declared
+        if self._about is None or self._about[0] is not fit:
+            values = [fit.point[fit.columns(e.name)] for e in fit.effects]
+            point = fit.point[: len(self.fits.prepared.task.space)]
+            self._about = fit, declared.about(point, fit.effects, values)
+        return self._about[1]
+
     def screening(self, on_step: Callable[[str, int, int], None]) -> Screening | None:
-        """Of the `candidates` in the force balance, made once; None where there is none."""
+        """Of the `candidates` in the force balance of the declared model, made once; None where there is none."""
         if self._screening is _NOT_MADE:
             prepared, threads = self.fits.prepared, self.fits.engine.threads
             known, asked = prepared.screening, [c.placed for c in self.candidates]

@@ -108,7 +108,6 @@ class Attribution:
         self.models.candidates = self.candidates
         self.accepted: list[Accepted] = []
         self.excess = REGRESSION.tiny  # squared error above the noise floor of the declared model
-        self.exhausted = False  # whether the force balance has no more that holds
         self.out_of_time = False
 
     def run(self, declared: Fit) -> Fit:
@@ -230,7 +229,7 @@ class Attribution:
         simulations alone tell of where that is better, and, before it is said that nothing explains the log, what the
         balance puts behind. Simulations are not asked where the balance leaves too little for another to matter.
         """
-        balance = None if self.exhausted else self._balance_round(current)
+        balance = self._balance_round(current)
         if balance is None:
             choice = self._by_simulation(current)
         else:
@@ -240,7 +239,6 @@ class Attribution:
             if choice is None and not (self.accepted or self.given):
                 balance.ask_others()
                 choice = self._of_balance(balance)
-            self.exhausted = balance.exhausted
         return None if choice is None else self._with(*choice, current)
 
     def _leaves_much(self, fit: Fit, current: Fit) -> bool:
@@ -252,7 +250,7 @@ class Attribution:
         return other if self.models.best_of([one[0], other[0]]) is other[0] else one
 
     def _balance_round(self, current: Fit) -> BalanceRound | None:
-        screening = self.models.screening(self._step)
+        screening = self.models.screening_about(current, self._step)
         if screening is None:
             return None
         return BalanceRound(
@@ -370,7 +368,7 @@ class Attribution:
 
     def _scored(self, current: Fit, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Those of the candidates that their scores speak for in `current`, best first."""
-        screening = self.models.screening(self._step)
+        screening = self.models.screening_about(current, self._step)
         if screening is None:
             Scores(self.models, current, self._step).score(candidates)
             return by_score(candidates)

@@ -62,6 +62,7 @@ _IMPLICIT = {
 _DISABLE = mujoco.mjtDisableBit
 # contacts are left, and joints' dry friction is worked out here
 _NO_STOPS = _DISABLE.mjDSBL_FRICTIONLOSS | _DISABLE.mjDSBL_LIMIT | _DISABLE.mjDSBL_EQUALITY
+AtValues = tuple[Effect, np.ndarray]  # (parameter,)
 _OF_IMPACTS = ("geom_size", "geom_solref", "geom_solimp", "pair_solref", "pair_solimp")
 _OF_ACTUATORS = ("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
 
@@ -119,10 +120,22 @@ class _WorkedOut:
 
 
 class ForceBalance:
-    """The balance of a log along its smoothed motion, at one point (parameter,) of the task."""
+    """The balance of a log along its smoothed motion, at one point (parameter,) of the task.
 
-    def __init__(self, smoothed: SmoothedLog, point: np.ndarray, threads: int | None = None):
+    acting: effects at values that the balance has, from which changes are counted: on fields of the model, on controls,
+    and on what sensors report, of which the motion is freed. Forces add up, and are none of these. unknown (point,):
+    where the motion is reported before or after the stretch.
+    """
+
+    def __init__(
+        self,
+        smoothed: SmoothedLog,
+        point: np.ndarray,
+        threads: int | None = None,
+        acting: Sequence[AtValues] = (),
+    ):
         silence_mujoco()
+        self.acting = [own for own in acting if own[0].place != "force" and not own[0].reads_actuators]
         self.smoothed, self.point, self.threads = smoothed, point, threads or 0
         task = smoothed.task
         self.model = copy(task.model)
@@ -131,10 +144,13 @@ class ForceBalance:
         self.model.geom_margin[:] += SETTINGS.touches / 2 * self.model.stat.extent
         self.model.pair_margin[:] += SETTINGS.touches * self.model.stat.extent
         self.points = Points.of(smoothed)
-        self.numbers = self._numbers(np.zeros(len(task.outputs)))
-        self.state = smoothed.states(self.numbers, self.points.step)
+        reporting = self._acting("measurement")
+        self.late = self._lateness(reporting)
+        self.numbers = self._numbers(self.late)
+        self.state = smoothed.states(self._true(self.numbers, reporting), self.points.step)
         self.speed_sd = smoothed.sd(1)
         self.at_rest = self._at_rest()
+        self.unknown = self._unknown()
         self.controls = self._controls()
 
     # --- what acts ---
@@ -152,7 +168,7 @@ class ForceBalance:
         """The balance with inputs that change evenly between rows where `linear` (input,), and are held elsewhere."""
         task = copy(self.smoothed.task)
         task.inputs = tuple(replace(c, linear=bool(own)) for c, own in zip(task.inputs, linear, strict=True))
-        return ForceBalance(replace(self.smoothed, task=task), self.point, self.threads)
+        return ForceBalance(replace(self.smoothed, task=task), self.point, self.threads, self.acting)
 
     def of_parameter(self, index: int) -> Accelerations:
         """Derivative of the balance by a declared parameter, per its unit: the column of it."""
@@ -166,9 +182,10 @@ class ForceBalance:
     def of_effect(self, effect: Effect, values: np.ndarray) -> list[Accelerations]:
         """Changes of the balance by an effect at each of `values` (variant, parameter)."""
         if effect.place == "model":
-            return [self._of_written(lambda fields, v=v: effect.write(fields, v[None])) for v in values]
+            return [self._of_written(self._with(effect, v)) for v in values]
         if effect.place == "control":
-            return [self._forces(controls=c) - self.null for c in self._driven(effect, values)]
+            driven = self._driven([self._with(effect, v) for v in values])
+            return [self._forces(controls=c) - self.null for c in driven]
         if effect.place == "measurement":
             return [self._of_report(effect, v) for v in values]
         if _remembers(effect):
@@ -208,20 +225,31 @@ class ForceBalance:
 
     # --- parts ---
 
-    def _of_written(self, write: Callable) -> Accelerations:
+    def _acting(self, place: str) -> list[AtValues]:
+        """The effects that act at a place."""
+        return [own for own in self.acting if own[0].place == place]
+
+    def _with(self, effect: Effect, values: np.ndarray) -> list[AtValues]:
+        """Those at the place of `effect`, which is at these values (parameter,), not at its own, or comes last."""
+        others = self._acting(effect.place)
+        found = [(e, values if _is_same(e, effect) else v) for e, v in others]
+        return found if any(_is_same(e, effect) for e, _ in others) else [*found, (effect, values)]
+
+    def _of_written(self, writing: Sequence[AtValues]) -> Accelerations:
         """Change of the balance where fields of the model are written; not a number where other bodies would touch, or
         where these say how bodies hit, of which nothing is left in the balance.
         """
-        written = self._worked_out(write=write)
+        written = self._worked_out(writing=writing)
         change = written.forces - self.null
-        hits = self.smoothed.hits and self._writes_impacts(write)
+        hits = self.smoothed.hits and self._writes_impacts(writing)
         if not hits and np.array_equal(written.contacts, self._null.contacts):
             return change
         return Accelerations(change.measured, np.full_like(change.predicted, np.nan))
 
-    def _writes_impacts(self, write: Callable) -> bool:
+    def _writes_impacts(self, writing: Sequence[AtValues]) -> bool:
         fields = ModelFields(self.model, 1)
-        write(fields)
+        for effect, values in writing:
+            effect.write(fields, values[None])
         return any(name in _OF_IMPACTS for name in fields.values)
 
     def _numbers(self, late: np.ndarray) -> np.ndarray:
@@ -240,21 +268,24 @@ class ForceBalance:
         return np.concatenate(parts)
 
     def _controls(self) -> np.ndarray:
-        """ctrl (point, nu) as the log has it, the mean about each point."""
-        return self._averaged(None, 1)[0]
+        """ctrl (point, nu) as the actuators receive it, the mean about each point."""
+        return self._driven([self._acting("control")])[0]
 
-    def _driven(self, effect: Effect, values: np.ndarray) -> np.ndarray:
-        """ctrl (variant, point, nu) with an effect on it at each of `values` (variant, parameter)."""
+    def _driven(self, driving: Sequence[Sequence[AtValues]]) -> np.ndarray:
+        """ctrl (variant, point, nu) with the same effects on it, in each variant at other values."""
 
         time = self.smoothed.log.time
 
         def drive(controls: np.ndarray, part: np.ndarray, variant: np.ndarray) -> np.ndarray:
             first = self._tape_steps[part]
             elapsed = time[first] - time[self.smoothed.episode_start[part]]
-            step = self.smoothed.task.timestep
-            return effect.drive(controls, values[variant], step, elapsed=elapsed, first=first)
+            for same in zip(*driving, strict=True):
+                values = np.stack([v for _, v in same])[variant]
+                step = self.smoothed.task.timestep
+                controls = same[0][0].drive(controls, values, step, elapsed=elapsed, first=first)
+            return controls
 
-        return self._averaged(drive, len(values))
+        return self._averaged(drive, len(driving))
 
     @cached_property
     def _tape_steps(self) -> np.ndarray:
@@ -284,7 +315,7 @@ class ForceBalance:
             found.append(task.controls(np.stack(inputs, axis=1)[None])[0])
         return np.array(found), grid
 
-    def _averaged(self, drive: Callable | None, variants: int) -> np.ndarray:
+    def _averaged(self, drive: Callable, variants: int) -> np.ndarray:
         """Means of controls about the points, (variant, point, nu).
 
         A step of the model takes its control for the acceleration in the middle of it: q(t+h) - 2 q(t) + q(t-h) is
@@ -297,9 +328,7 @@ class ForceBalance:
         tapes, grid = self._tapes
         step = grid[1] - grid[0]
         variant, part = (i.ravel() for i in np.indices((variants, parts)))
-        controls = tapes[part]
-        if drive is not None:
-            controls = drive(controls, part, variant)
+        controls = drive(tapes[part], part, variant)
         edges = np.append(grid, grid[-1] + step) - task.timestep / 2
         total = np.cumsum(np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1), axis=1) * step
         half = self.interval / 2
@@ -323,38 +352,57 @@ class ForceBalance:
         return float(np.median(np.diff(self.points.time)[same]))
 
     def _of_report(self, effect: Effect, values: np.ndarray) -> Accelerations:
-        """Change of the balance where the sensors report what they do through an effect at `values` (parameter,)."""
-        qpos, qvel, acceleration = self.smoothed.states(self._true_numbers(effect, values), self.points.step)
-        predicted = self._forces(state=(qpos, qvel, self.state[2])).predicted
-        return Accelerations(acceleration - self.predicted_smooth, predicted - self.null.predicted)
-
-    def _true_numbers(self, effect: Effect, values: np.ndarray) -> np.ndarray:
-        """Outputs with slopes and curvatures as they truly are, (point, 3, output).
+        """Change of the balance where the sensors report what they do through an effect at `values` (parameter,).
 
         The predicted acceleration stands for the measured one, as it does for inertias: of a reading that is off in
-        proportion "no motion at all" is no solution. Of an effect that does not say what becomes of the curvature it is
-        the slope of its slope.
+        proportion "no motion at all" is no solution.
+        """
+        reporting = self._with(effect, values)
+        true = self._true(self._instrument(self._lateness(reporting)), reporting)
+        qpos, qvel, acceleration = self.smoothed.states(true, self.points.step)
+        predicted = self._forces(state=(qpos, qvel, self.state[2])).predicted
+        return Accelerations(acceleration - self._instrumented, predicted - self.null.predicted)
+
+    @cached_property
+    def _instrumented(self) -> np.ndarray:
+        """The acceleration where the predicted one stands for the measured one, (point, nv)."""
+        true = self._true(self._instrument(self.late), self._acting("measurement"))
+        return self.smoothed.states(true, self.points.step)[2]
+
+    def _lateness(self, reporting: Sequence[AtValues]) -> np.ndarray:
+        """How late outputs are reported, s, (point, output)."""
+        task, count = self.smoothed.task, len(self.points)
+        late = np.zeros((count, len(task.outputs)))
+        for effect, values in reporting:
+            each = np.repeat(values[None], count, axis=0)
+            own = np.zeros((count, task.model.nsensordata)) + effect.lateness(each, self.points.elapsed)
+            late += own[:, [c.index for c in task.outputs]]
+            late -= np.reshape(effect.drift(each, self.points.elapsed), (-1, 1))
+        return late
+
+    def _true(self, numbers: np.ndarray, reporting: Sequence[AtValues]) -> np.ndarray:
+        """Outputs with slopes and curvatures as they truly are, (point, 3, output), of `numbers` as they are reported
+        when that is in time. Of an effect that does not say what becomes of the curvature it is the slope of its slope.
         """
         task, count = self.smoothed.task, len(self.points)
-        each = np.repeat(values[None], count, axis=0)
         columns = [c.index for c in task.outputs]
-        late = np.zeros((count, task.model.nsensordata)) + effect.lateness(each, self.points.elapsed)
-        late = late[:, columns] - np.reshape(effect.drift(each, self.points.elapsed), (-1, 1))
-        late = late if late.any() else None
-        numbers = self._instrument(late)
-        reported = np.zeros((count, 3, task.model.nsensordata))
-        numbers[:, 0] -= self._picked_up(effect, each)[:, columns]
-        reported[..., columns] = numbers
-        true = effect.true_motion(reported, each, self.points.elapsed)[..., columns]
-        plain = self._instrument(late)
-        for told, found in ((0, 1), (1, 2)):
-            moved = (true[:, told] != plain[:, told]).any(axis=0)
-            for column in np.flatnonzero(moved & (true[:, found] == plain[:, found]).all(axis=0)):
-                true[:, found, column] += self._slope(true[:, told, column] - plain[:, told, column])
-        return true
+        for effect, values in reversed(reporting):
+            each = np.repeat(values[None], count, axis=0)
+            before = numbers
+            reported = np.zeros((count, 3, task.model.nsensordata))
+            reported[..., columns] = before
+            reported[:, 0] -= self._picked_up(effect, each)
+            numbers = effect.true_motion(reported, each, self.points.elapsed)[..., columns]
+            for told, found in ((0, 1), (1, 2)):
+                moved = (numbers[:, told] != before[:, told]).any(axis=0)
+                for column in np.flatnonzero(moved & (numbers[:, found] == before[:, found]).all(axis=0)):
+                    numbers[:, found, column] += self._slope(numbers[:, told, column] - before[:, told, column])
+        return numbers
 
     def _picked_up(self, effect: Effect, each: np.ndarray) -> np.ndarray:
         """What sensors show of the forces of actuators, behind the filter of the smoothed motion, (point, column)."""
+        if not effect.reads_actuators:
+            return np.zeros(self.smoothed.task.model.nsensordata)
         none = np.zeros((len(self.points), 1, self.smoothed.task.model.nsensordata))
         shown = effect.pick_up(none.copy(), each, self.actuator_force[:, None])[:, 0]
         if not shown.any():
@@ -370,24 +418,24 @@ class ForceBalance:
         """The predicted acceleration behind the filter that the measured one went through, (point, nv)."""
         return self.smoothed.filtered(self.null.predicted, self.points.part, self.points.step)
 
-    def _instrument(self, late: np.ndarray | None) -> np.ndarray:
+    def _instrument(self, late: np.ndarray) -> np.ndarray:
         """Outputs with curvatures as predicted, (point, 3, output), each `late` s later (point, output).
 
         Between now and then slopes change by the predicted acceleration, too: by the measured one they would show what
         is missing.
         """
-        numbers = (self.numbers if late is None else self._numbers(late)).copy()
+        numbers, later = self._numbers(late), late - self.late
         for source in self.smoothed.sources:
             if source.weights is not None:
                 continue
             for column, dof in zip(source.columns, source.dofs, strict=True):
-                if late is None:
+                if not later[:, column].any():
                     numbers[:, 2, column] = self.predicted_smooth[:, dof]
                     continue
                 for own in self._own_points:
                     at = self.points.since[own]
                     spline = CubicSpline(at, self.predicted_smooth[own, dof])
-                    speed, then = spline.antiderivative(), at + late[own, column]
+                    speed, then = spline.antiderivative(), at + later[own, column]
                     numbers[own, 1, column] = self.numbers[own, 1, column] + speed(then) - speed(at)
                     numbers[own, 2, column] = spline(then)
         return numbers
@@ -410,11 +458,11 @@ class ForceBalance:
         """Acceleration by a unit of force, (point, nv, nv)."""
         return self._world[3]
 
-    def _written(self, point: np.ndarray, write: Callable | None) -> mujoco.MjModel:
+    def _written(self, point: np.ndarray, writing: Sequence[AtValues]) -> mujoco.MjModel:
         fields = ModelFields(self.smoothed.task.model, 1)
         self.smoothed.task.write(fields, point[None])
-        if write is not None:
-            write(fields)
+        for effect, values in writing:
+            effect.write(fields, values[None])
         model = copy(self.model)
         for name, values in fields.values.items():
             target = getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name)
@@ -459,13 +507,14 @@ class ForceBalance:
         """As the model gives them with other parameters, written fields, states or controls than its own."""
         return self._worked_out(**changes).forces
 
-    def _worked_out(self, *, point=None, write=None, state=None, controls=None) -> _WorkedOut:
+    def _worked_out(self, *, point=None, writing=None, state=None, controls=None) -> _WorkedOut:
         """As of `_forces`."""
         state = self.state if state is None else state
-        if point is None and write is None:
+        if point is None and writing is None:
             model, runner = self._model, self._plain
         else:
-            model = self._written(self.point if point is None else point, write)
+            writing = self._acting("model") if writing is None else writing
+            model = self._written(self.point if point is None else point, writing)
             runner = self._runner(model)
         inertia, push, contacts = (runner.bind(name) for name in ("M", "qfrc_constraint", "ncon"))
         applied = self._set(runner, state, self.controls if controls is None else controls)
@@ -517,6 +566,14 @@ class ForceBalance:
                 for a, b in zip(edges[::2], edges[1::2], strict=True):
                     if b - a >= shortest:
                         found[own.start + a : own.start + b, dof] = True
+        return found
+
+    def _unknown(self) -> np.ndarray:
+        """Where what is true is reported before or after the stretch, (point,)."""
+        found, time = np.zeros(len(self.points), dtype=bool), self.smoothed.log.time
+        for own, part in zip(self._own_points, self.smoothed.parts, strict=True):
+            at = self.points.since[own, None] + self.late[own]
+            found[own] = ((at < 0) | (at > time[part.stop - 1] - time[part.start])).any(axis=1)
         return found
 
     @cached_property
@@ -684,7 +741,7 @@ class ForceBalance:
 
     @cached_property
     def _model(self) -> mujoco.MjModel:
-        return self._written(self.point, None)
+        return self._written(self.point, self._acting("model"))
 
     @cached_property
     def _world(self):
@@ -712,6 +769,10 @@ class ForceBalance:
 def _remembers(effect: Effect) -> bool:
     """Whether its force depends on what was before, other than by what the log tells."""
     return not isinstance(effect, FollowedForce) and inspect.isclass(getattr(type(effect), "kernel", None))
+
+
+def _is_same(one: Effect, other: Effect) -> bool:
+    return type(one) is type(other) and one.site == other.site
 
 
 def _felt(model: mujoco.MjModel, packed: np.ndarray) -> np.ndarray:

@@ -106,45 +106,73 @@ class Addition:
 
 
 class Screening:
-    """Of `placed` effects in the balance of a smoothed log, from the `point` (parameter,) of its task.
+    """Of `placed` effects, in a balance of a smoothed log and the rows that are made of it.
 
     hits: whether impacts were left out.
     """
 
     def __init__(
         self,
-        smoothed: SmoothedLog,
+        balance: ForceBalance,
+        whitening: Whitening,
         placed: Sequence[Placed],
-        point: np.ndarray,
         *,
-        threads: int | None = None,
         settings: ScreeningSettings = SETTINGS,
         on_step: Callable[[str, int, int], None] = lambda *_: None,
     ):
         self.settings, self.placed = settings, placed
-        self.space, self.hits = smoothed.task.space, smoothed.hits
-        self.balance, self.whitening = declared_balance(smoothed, point, threads, settings)
-        self.block = self.whitening.blocks(settings.blocks)
-        self.target = self.whitening.rows([self.balance.null])
-        self.by_parameter = self.whitening.rows(_by_parameter(self.balance))
+        self.space, self.hits = balance.smoothed.task.space, balance.smoothed.hits
+        self._set(balance, whitening)
         self.atoms: list[Atom] = []
         self.columns = self._dictionary(placed, on_step)
         self.covered = frozenset(a.placed.name for a in self.atoms)
-        self._known: dict[tuple, object] = {}
-        self._rows: OrderedDict[tuple, list[np.ndarray]] = OrderedDict()
+
+    @classmethod
+    def of(
+        cls,
+        smoothed: SmoothedLog,
+        placed: Sequence[Placed],
+        point: np.ndarray,
+        threads: int | None = None,
+        on_step: Callable[[str, int, int], None] = lambda *_: None,
+    ) -> Screening:
+        """In the balance of the declared model, from `point` (parameter,) of its task on."""
+        return cls(*declared_balance(smoothed, point, threads), placed, on_step=on_step)
 
     def read_as(self, linear: np.ndarray) -> Screening:
-        """The same of inputs that change evenly between rows where `linear` (input,), and are held elsewhere. Columns
-        are those of this reading: the polished additions have their own.
+        """The same of inputs that change evenly between rows where `linear` (input,), and are held elsewhere."""
+        balance = self.balance.read_as(linear)
+        whitening = copy(self.whitening)
+        whitening.balance = balance
+        return self._in(balance, whitening)
+
+    def about(
+        self, point: np.ndarray, effects: Sequence[Placed], values: Sequence[np.ndarray]
+    ) -> Screening:
+        """The same about a model with `effects` at `values`, (parameter,) each, and the task at `point` (parameter,).
+
+        What the declared model lacks moves its parameters, and late or wrong sensors the states at which forces are
+        worked out. Far from the declared model changes do not add up.
+        """
+        acting = [(p.effect, v) for p, v in zip(effects, values, strict=True)]
+        balance = ForceBalance(self.balance.smoothed, point, self.balance.threads, acting)
+        return self._in(balance, Whitening(balance))
+
+    def _in(self, balance: ForceBalance, whitening: Whitening) -> Screening:
+        """The same in another balance of the same log. Atoms keep their columns, which say what is worth polishing: what
+        is polished has its own.
         """
         other = copy(self)
-        other.balance = self.balance.read_as(linear)
-        other.whitening = copy(self.whitening)
-        other.whitening.balance = other.balance
-        other.target = other.whitening.rows([other.balance.null])
-        other.by_parameter = other.whitening.rows(_by_parameter(other.balance))
-        other._known, other._rows = {}, OrderedDict()
+        other._set(balance, whitening)
         return other
+
+    def _set(self, balance: ForceBalance, whitening: Whitening) -> None:
+        self.balance, self.whitening = balance, whitening
+        self.block = whitening.blocks(self.settings.blocks)
+        self.target = whitening.rows([balance.null])
+        self.by_parameter = whitening.rows(_by_parameter(balance))
+        self._known: dict[tuple, object] = {}
+        self._rows: OrderedDict[tuple, list[np.ndarray]] = OrderedDict()
 
     def additions(
         self, effects: Sequence[Placed], values: Sequence[np.ndarray], polished: int | None = None

@@ -272,13 +272,15 @@ class Whitening:
 
     def _segments(self, reach: float) -> list[Segment]:
         """The rows of each span in which a coordinate moves, no nearer than `reach`, s, to where it rests: its
-        acceleration jumps where it comes to rest or breaks away, and smoothing spreads the jump.
+        acceleration jumps where it comes to rest or breaks away, and smoothing spreads the jump. Nor to where nobody
+        knows how it moves.
         """
         found, points = [], self.balance.points
         moves = []
         for n, averages in enumerate(self.averages):
             own = points.part == n
-            time, rests = points.since[own], self.balance.at_rest[own][:, self.dofs]
+            time = points.since[own]
+            rests = self.balance.at_rest[own][:, self.dofs] | self.balance.unknown[own, None]
             ends = [time[averages.indices[a:b]][[0, -1]] for a, b in pairwise(averages.indptr)]
             low, high = np.array(ends).reshape(-1, 2).T
             counts = np.cumsum(np.vstack([np.zeros(len(self.dofs), dtype=int), rests]), axis=0)
