@@ -273,7 +273,12 @@ def test_an_effect_beyond_its_range_is_doubted(slider_task, tmp_path, delay, dou
 
 def test_a_log_begins_when_its_latest_sensor_reports(slider_task, tmp_path):
     """The inputs are constant, so a late sensor reports the same motion: from the start on, not one before it."""
-    options = {"duration": 1.0, "amplitude": {"drive": 0.0}, "start_velocity": {"x": (1.0, 1.0)}, "threads": 1}
+    options = {
+        "duration": 1.0,
+        "amplitude": {"drive": 0.0},
+        "start_velocity": {"x": (1.0, 1.0)},
+        "threads": 1,
+    }
     plain = record(task=slider_task, out=tmp_path / "plain.zarr", **options).log
     effects = ["sensor-delay@q=0.03"]
     late = record(task=slider_task, out=tmp_path / "late.zarr", effects=effects, **options).log

@@ -18,6 +18,7 @@ from capture_cli.estimate.balance.regression import Sums, additions, best_pairs,
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.log_balance import log_of
 from capture_cli.estimate.prepare import prepare
+from capture_cli.model.effects.placed import Placed
 from capture_cli.select.beam import BeamSettings, Level, grown
 from capture_cli.select.candidates import all_candidates
 
@@ -234,6 +235,20 @@ def test_a_law_that_all_joints_lack_is_found_at_all_of_them():
     few = [p for p in own.placed if p.kind in ("coulomb-friction", "viscous-friction")]
     best = list(grown(own.screening(few), (), (), 3))[-1].as_good[0]
     assert {e.name for e in best.effects} == {f"coulomb-friction@{joint}" for joint, _ in shares}
+
+
+def test_about_a_late_sensor_the_friction_beside_it_comes_first_with_its_size():
+    own = Made.of("arm", ("sensor-delay", "q2", 0.08), ("coulomb-friction", "shoulder", 0.02), episodes=4)
+    (delay, late), (_, friction) = own.planted
+    found = [Placed("sensor-delay", delay)], [late]
+    kinds = ("coulomb-friction", "cogging", "payload", "reflected-inertia", "sensor-low-pass", "control-lag")
+    declared = own.screening([p for p in own.placed if p.kind in kinds])
+    far = declared.additions(*found)[0]
+    best = declared.about(own.truth, *found).additions(*found)[0]
+    assert far.placed.name != "coulomb-friction@shoulder"
+    assert best.placed.name == "coulomb-friction@shoulder"
+    np.testing.assert_allclose(best.model.values[1], friction, rtol=0.05)
+    np.testing.assert_allclose(best.model.values[0], late, rtol=0.02)
 
 
 def test_effects_that_are_alike_alone_take_each_others_place_beside_another():

@@ -396,7 +396,9 @@ class ForceBalance:
             for told, found in ((0, 1), (1, 2)):
                 moved = (numbers[:, told] != before[:, told]).any(axis=0)
                 for column in np.flatnonzero(moved & (numbers[:, found] == before[:, found]).all(axis=0)):
-                    numbers[:, found, column] += self._slope(numbers[:, told, column] - before[:, told, column])
+                    numbers[:, found, column] += self._slope(
+                        numbers[:, told, column] - before[:, told, column]
+                    )
         return numbers
 
     def _picked_up(self, effect: Effect, each: np.ndarray) -> np.ndarray:

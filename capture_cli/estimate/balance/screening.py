@@ -146,9 +146,7 @@ class Screening:
         whitening.balance = balance
         return self._in(balance, whitening)
 
-    def about(
-        self, point: np.ndarray, effects: Sequence[Placed], values: Sequence[np.ndarray]
-    ) -> Screening:
+    def about(self, point: np.ndarray, effects: Sequence[Placed], values: Sequence[np.ndarray]) -> Screening:
         """The same about a model with `effects` at `values`, (parameter,) each, and the task at `point` (parameter,).
 
         What the declared model lacks moves its parameters, and late or wrong sensors the states at which forces are
