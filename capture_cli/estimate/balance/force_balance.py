@@ -14,7 +14,7 @@ reported wrongly. An inertia's column has the predicted acceleration, not the me
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -157,8 +157,9 @@ class Screening:
         return self._in(balance, Whitening(balance))
 
     def _in(self, balance: ForceBalance, whitening: Whitening) -> Screening:
-        """The same in another balance of the same log. Atoms keep their columns, which say what is worth polishing: what
-        is polished has its own.
+        """The same in another balance of the same log.
+
+        Atoms keep their columns, which say what is worth polishing; what is polished has its own.
         """
         other = copy(self)
         other._set(balance, whitening)
