@@ -82,9 +82,7 @@ class _Runs:
     def engine(self, *forces) -> int:
         fields = ModelFields(self.model, SIMULATIONS)
         self.task.write(fields, self.parameters)
-        self.stepper.rollout(
-            starts=self.starts, controls=self.controls, steps=STEPS, fields=fields, forces=forces
-        )
+        self.stepper.rollout(starts=self.starts, controls=self.controls, fields=fields, forces=forces)
         return SIMULATIONS * STEPS
 
     def mj_step(self) -> int:

@@ -11,7 +11,7 @@ from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.effects.base import JointMotion, SeenLog
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.states import Starts
-from capture_cli.simulate.engine import Engine
+from capture_cli.simulate.engine import Engine, Keep
 
 LENGTH = 100  # steps of a simulation that begins inside
 
@@ -42,10 +42,9 @@ def begun_inside(
     whole = engine.rollout(
         starts=start,
         controls=tape[None, :, None],
-        steps=len(tape),
         fields=own[0],
         forces=[effect.force(values[None], timestep)],
-        states=True,
+        keep=Keep(states=True),
     )
     path = whole.qpos[0, :, 0]
     effect.look_in(
@@ -63,10 +62,9 @@ def begun_inside(
             whole.qpos[0, first], whole.qvel[0, first], np.zeros((len(first), 0)), timestep * first
         ),
         controls=tape[inside][..., None],
-        steps=LENGTH,
         fields=own[1],
         forces=[effect.force(each, timestep, states=states, first=first)],
-        states=True,
+        keep=Keep(states=True),
     )
     return path[inside], begun.qpos[..., 0]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import cache
 
 import mujoco
@@ -11,7 +10,7 @@ import numpy as np
 from capture_cli.model import effects
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.states import Starts
-from capture_cli.simulate.engine import Engine
+from capture_cli.simulate.engine import Engine, Keep
 
 SLIDER = """
 <mujoco model="slider">
@@ -195,15 +194,12 @@ def run(model: mujoco.MjModel, *effect_values, count: int = 1, starts=None, tape
         effect.write(fields, values)
         tape = effect.drive(tape, values, step, elapsed=starts.time)
         forces += [f for f in [effect.force(values, step)] if f]  # substeps belong to effects without a force
-    substeps = math.prod(effect.substeps for effect, _ in effect_values)
     rollouts = Engine(model, 1).rollout(
         starts=starts,
         controls=tape,
-        steps=tape.shape[1],
         fields=fields,
         forces=forces,
-        actuator_forces=True,
-        substeps=substeps,
+        keep=Keep(actuator_forces=True),
     )
     sensors = rollouts.sensors
     for effect, values in effect_values:

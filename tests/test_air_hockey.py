@@ -11,7 +11,7 @@ from capture_cli.model.targets import restitution
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.air_hockey import SETTINGS as AIR_HOCKEY
 from capture_cli.model.tasks.air_hockey import TARGET, AirHockey
-from capture_cli.simulate.engine import Engine
+from capture_cli.simulate.engine import Engine, Keep
 from capture_cli.simulate.simulator import Simulator
 
 TASK = AirHockey(far_wall=True)
@@ -30,7 +30,7 @@ def rollout(seconds: float, parameters: np.ndarray, qpos: np.ndarray, qvel: np.n
     controls = np.zeros((1, steps, 2))
     rows = np.zeros(count, dtype=int)
     return Engine(TASK.model, 2).rollout(
-        starts=starts, controls=controls, control_row=rows, steps=steps, fields=fields, states=True
+        starts=starts, controls=controls, row=rows, fields=fields, keep=Keep(states=True)
     )
 
 
@@ -101,7 +101,10 @@ def test_restitution_of_the_mallet(speed):
     TASK.write(fields, nominal(5, left_friction=0, right_friction=0, mallet_damping=-damping))
     engine = Engine(TASK.model, 1)
     moved = engine.rollout(
-        starts=episodes.starts, controls=TASK.controls(episodes.inputs), steps=350, fields=fields, states=True
+        starts=episodes.starts,
+        controls=TASK.controls(episodes.inputs)[:, :350],
+        fields=fields,
+        keep=Keep(states=True),
     )
     np.testing.assert_allclose(moved.qvel[:, -1, PUCK_X] / speed - 1, formula(damping), atol=0.02)
 

@@ -28,6 +28,7 @@ from scipy.linalg import expm
 from capture_cli.errors import ModelError
 from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.log.input_sequences import CachedSequences
+from capture_cli.log.samples import Samples
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.log.windows import cut
 from capture_cli.model import effects
@@ -46,7 +47,7 @@ from capture_cli.model.fields import ModelFields
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
 from capture_cli.simulate import engine as engine_module
-from capture_cli.simulate.engine import Engine
+from capture_cli.simulate.engine import Engine, Keep
 from capture_cli.simulate.simulator import Simulator
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
@@ -208,11 +209,9 @@ def test_a_finer_step_is_that_of_a_model_with_it(where, forced):
             rollouts = Engine(model, 1).rollout(
                 starts=start(model, 1),
                 controls=tape,
-                steps=tape.shape[1],
                 fields=fields,
                 forces=[lambda world: None] if forced else [],
-                states=True,
-                substeps=effect.substeps if effect else 1,
+                keep=Keep(states=True),
             )
             return np.concatenate([rollouts.sensors, rollouts.qpos, rollouts.qvel], axis=2)
 
@@ -630,7 +629,7 @@ def test_an_encoder_on_the_motor_shows_a_rotor_that_began_to_turn_alone(
     truth = run(two, tape=tape.repeat(10, axis=1), starts=held)[0][:, ::10]
     start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.2), *NOTHING)
     force = effect.force(at, 1e-3, states=states)
-    sensors = Engine(one).rollout(starts=start, controls=tape, steps=60, forces=[force]).sensors
+    sensors = Engine(one).rollout(starts=start, controls=tape, forces=[force]).sensors
     error = np.abs(sensors - truth).max(axis=1)[0]
     assert (error < 0.02 * np.array([0.06 * turning, turning])).all()
 
@@ -668,7 +667,7 @@ def test_a_loose_mass_is_a_body_on_a_spring(loose, frequency, damping_ratio, beg
     at_begin = effect.force(at[None], 1e-3, states=np.array([[1.0, 0.0]])).coefficients["displaced"][0]
     hidden = np.array([[begin / at_begin, 0.0]])
     force = effect.force(at[None], 1e-3, states=hidden)
-    sensors = Engine(one).rollout(starts=start, controls=tape, steps=1500, forces=[force]).sensors
+    sensors = Engine(one).rollout(starts=start, controls=tape, forces=[force]).sensors
     error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, rigid))
     assert error < 0.03 * error_rigid
 
@@ -717,7 +716,7 @@ def test_a_base_that_gives_is_a_body_on_a_spring(mass, frequency, damping_ratio,
     effect = effects.REGISTRY.get("base-compliance")(one, axis)
     at = {"mobility": 5.0 / total, "frequency": frequency, "damping_ratio": damping_ratio}
     force = effect.force(effect.space.to_vector(at)[None], 1e-3)
-    sensors = Engine(one).rollout(starts=start, controls=tape, steps=1500, forces=[force]).sensors[0]
+    sensors = Engine(one).rollout(starts=start, controls=tape, forces=[force]).sensors[0]
     error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2, axis=0)) for s in (sensors, rigid))
     # of both models, errors of the step itself are as large
     assert np.linalg.norm(error[:2]) < 0.08 * np.linalg.norm(error_rigid[:2])
@@ -754,7 +753,7 @@ def test_a_cable_over_a_pulley_pulls_at_the_joint_before():
     effect = effects.REGISTRY.get("coupled-drive")(plain_arm, "elbow")
     assert effect.sites(plain_arm) == ["elbow"]
     force = effect.force(np.array([[ratio]]), 1e-3)
-    sensors = Engine(plain_arm).rollout(starts=begin, controls=tape, steps=1000, forces=[force]).sensors[0]
+    sensors = Engine(plain_arm).rollout(starts=begin, controls=tape, forces=[force]).sensors[0]
     error, before = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, plain_one))
     assert error < 0.02 * before
 
@@ -830,14 +829,13 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     effect = effects.REGISTRY.get(name)(task.model, "drive")
     time = 0.004 * np.arange(750)
     log = {"time": time, "inputs": 30 * np.sign(np.sin(61 * time))[:, None], "outputs": np.zeros((750, 1))}
-    options = {"episodes": [slice(0, 750)], "timestep": task.timestep, "linear": np.array([False])}
-    whole, windows = (cut(**log, **options, duration=d) for d in (None, 0.5))
+    samples = Samples(**log, episodes=[slice(0, 750)])
+    whole, windows = (cut(samples, d, task.timestep, np.array([False])) for d in (None, 0.5))
     values = np.array([value])
     rollout = Engine(task.model, 1).rollout(
         starts=model_starts(task.model, 1).starts,
         controls=effect.drive(task.controls(whole.controls), values, task.timestep),
-        steps=int(whole.grid_steps[0]),
-        states=True,
+        keep=Keep(states=True),
     )
     at = np.rint(windows.time / task.timestep).astype(int)
     starts = Starts(rollout.qpos[0, at], rollout.qvel[0, at], np.zeros((len(at), 0)), windows.time)
@@ -859,17 +857,16 @@ def test_what_fades_began_to_with_the_episode(name, site):
     effect = effects.REGISTRY.get(name)(task.model, site)
     time = 5 + 0.004 * np.arange(750)
     log = {"time": time, "inputs": 30 * np.sign(np.sin(61 * time))[:, None], "outputs": np.zeros((750, 1))}
-    options = {"episodes": [slice(0, 750)], "timestep": task.timestep, "linear": np.array([False])}
-    whole, windows = (cut(**log, **options, duration=d) for d in (None, 0.5))
+    samples = Samples(**log, episodes=[slice(0, 750)])
+    whole, windows = (cut(samples, d, task.timestep, np.array([False])) for d in (None, 0.5))
     values, zero = np.array([[-0.6, 1.5]]), np.zeros(1)
     begin = replace(model_starts(task.model, 1).starts, time=np.array([5.0]))
     force = effect.force(values, task.timestep, began=begin.time)
     rollout = Engine(task.model, 1).rollout(
         starts=begin,
         controls=effect.drive(task.controls(whole.controls), values, task.timestep, elapsed=zero),
-        steps=int(whole.grid_steps[0]),
         forces=[f for f in [force] if f],
-        states=True,
+        keep=Keep(states=True),
     )
     at = np.rint((windows.time - 5) / task.timestep).astype(int)
     starts = Starts(rollout.qpos[0, at], rollout.qvel[0, at], np.zeros((len(at), 0)), windows.time)
@@ -890,8 +887,8 @@ def test_a_motor_is_as_hot_in_a_window_as_its_log_made_it(recordings):
     time = np.concatenate([5 + 0.004 * np.arange(750), 20 + 0.004 * np.arange(500)])
     control = 30 * np.sign(np.sin(61 * time)) * np.where(time % 2 < 1, 1.0, 0.3)
     log = {"time": time - 5, "episodes": [slice(0, 750), slice(750, 1250)]}
-    options = {"timestep": 0.002, "linear": np.array([False]), "duration": 0.5}
-    windows = cut(**log, **options, inputs=control[:, None], outputs=np.zeros((1250, 1)))
+    samples = Samples(**log, inputs=control[:, None], outputs=np.zeros((1250, 1)))
+    windows = cut(samples, 0.5, 0.002, np.array([False]))
     before = [0.1, 0.1] if recordings == 1 else [0.1, 0.25]
 
     def lost(tape, values, **known):
@@ -924,13 +921,12 @@ def test_a_clock_drifts_from_the_start_of_the_episode(error):
     effect = effects.REGISTRY.get("sensor-clock-rate")(task.model, GLOBAL)
     time = 0.004 * np.arange(750)
     log = {"time": time, "inputs": 30 * np.sin(11 * time)[:, None], "outputs": np.zeros((750, 1))}
-    options = {"episodes": [slice(0, 750)], "timestep": task.timestep, "linear": np.array([True])}
-    whole, windows = (cut(**log, **options, duration=d) for d in (None, 0.5))
+    samples = Samples(**log, episodes=[slice(0, 750)])
+    whole, windows = (cut(samples, d, task.timestep, np.array([True])) for d in (None, 0.5))
     rollout = Engine(task.model, 1).rollout(
         starts=model_starts(task.model, 1).starts,
         controls=task.controls(whole.controls),
-        steps=int(whole.grid_steps[0]),
-        states=True,
+        keep=Keep(states=True),
     )
     told = effect.measure(rollout.sensors, np.array([[error]]), task.timestep)
     truly = windows.time[:-1] * (1 + error) / task.timestep  # the last one needs what comes after the episode
@@ -1136,9 +1132,8 @@ def test_servos_on_one_supply_are_weaker_the_more_all_of_them_give(time_constant
     given = Engine(model, threads=1).rollout(
         starts=Starts(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1)),
         controls=tape,
-        steps=count,
         forces=[effect.force(np.array([[sag, time_constant]]), model.opt.timestep)],
-        actuator_forces=True,
+        keep=Keep(actuator_forces=True),
     )
     would = told * [1.0, 1.0, 3.0]
     size = given.actuator_force[0, count // 2 :] / would
@@ -1187,10 +1182,9 @@ def test_a_motor_gives_less_the_faster_it_turns_and_brakes_with_all_it_has(speed
             np.zeros((count, 2)), np.full((count, 2), speed), np.zeros((count, 0)), np.zeros(count)
         ),
         controls=np.repeat(np.stack([asked, 0 * asked, 0 * asked], axis=-1)[:, None], 2, axis=1),
-        steps=2,
         fields=fields,
         forces=[effect.force(values, model.opt.timestep)],
-        actuator_forces=True,
+        keep=Keep(actuator_forces=True),
     )
     np.testing.assert_allclose(given.actuator_force[:, 0, 0], np.clip(asked, low, high))
 
@@ -1349,7 +1343,7 @@ def test_a_wheel_in_a_free_body_turns_it_as_one_that_is_modelled():
     force = effect.force(momentum, 0.0005)
     starts = Starts(held.qpos[None], held.qvel[None], np.zeros((1, 0)), np.zeros(1))
     rollout = Engine(plain, 1).rollout(
-        starts=starts, controls=np.zeros((1, 400, 0)), steps=400, forces=[force], states=True
+        starts=starts, controls=np.zeros((1, 400, 0)), forces=[force], keep=Keep(states=True)
     )
     for _ in range(400):
         mujoco.mj_step(with_wheel, truth)
@@ -1381,9 +1375,8 @@ def test_a_spindle_between_hinges_turns_them_as_one_that_is_modelled():
     rollout = Engine(locked, 1).rollout(
         starts=starts,
         controls=np.zeros((2, 400, 0)),
-        steps=400,
         forces=[effect(locked, "tool").force(momentum, 0.0005)],
-        states=True,
+        keep=Keep(states=True),
     )
     off = np.abs(rollout.qpos - np.array(motion)).max(axis=(1, 2))
     assert off[1] > 0.02 and off[0] < 0.02 * off[1]
@@ -1397,7 +1390,7 @@ def test_a_part_that_spins_inside_does_no_work():
     force = effect.force(np.array([[0.0, 0.0, effect.parameters[2].high]]), 0.002)
     nods = Starts(body.qpos0[None], np.array([[0.0, 0, 0, 0.5, 0, 0]]), *NOTHING)
     tape = np.zeros((1, 500, 0))
-    motion = Engine(body).rollout(starts=nods, controls=tape, steps=500, forces=[force], states=True)
+    motion = Engine(body).rollout(starts=nods, controls=tape, forces=[force], keep=Keep(states=True))
     turning = motion.qvel[0, :, 3:]
     energy = np.square(turning) @ body.dof_M0[3:] / 2
     assert energy == pytest.approx(np.full(500, energy[0]), rel=0.01)

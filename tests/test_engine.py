@@ -13,7 +13,7 @@ from capture_cli.model.fields import ModelFields, model_field
 from capture_cli.model.states import Starts
 from capture_cli.model.world import World
 from capture_cli.simulate import engine as engine_module
-from capture_cli.simulate.engine import Engine
+from capture_cli.simulate.engine import Engine, Keep
 
 # A pole on a driven cart, and a ball that drops on the floor beside it: joints, an activation, a contact.
 XML = """
@@ -104,7 +104,7 @@ def one_by_one(model, starts, controls, fields=None) -> np.ndarray:
 
 
 def rollout(model, starts, controls, threads=2, **options):
-    return Engine(model, threads).rollout(starts=starts, controls=controls, steps=STEPS, **options)
+    return Engine(model, threads).rollout(starts=starts, controls=controls, **options)
 
 
 def test_first_sensors_are_those_of_the_start(model, starts, controls):
@@ -154,7 +154,7 @@ def test_stages_in_which_nothing_happens_are_left_out_to_the_same_bits():
     assert lean.opt.disableflags == disable.mjDSBL_CONTACT | disable.mjDSBL_ISLAND
     assert arm.opt.disableflags == 0
     begin = Starts(np.array([[0.4, 0.1, 0.05]]), np.array([[1.0, -2.0, 3.0]]), np.zeros((1, 0)), np.zeros(1))
-    batch = Engine(arm, 1).rollout(starts=begin, controls=np.zeros((1, 500, 0)), steps=500)
+    batch = Engine(arm, 1).rollout(starts=begin, controls=np.zeros((1, 500, 0)))
     data = mujoco.MjData(arm)
     data.qpos, data.qvel = begin.qpos[0], begin.qvel[0]
     sensors, limited = [], False
@@ -178,9 +178,9 @@ def test_equals_mj_step_with_parameters_of_each_simulation(model, starts, contro
 
 def test_parameters_do_not_leak_into_the_next_call(model, starts, controls, fields):
     engine = Engine(model, 1)
-    before = engine.rollout(starts=starts, controls=controls, steps=STEPS).sensors
-    engine.rollout(starts=starts, controls=controls, steps=STEPS, fields=fields)
-    after = engine.rollout(starts=starts, controls=controls, steps=STEPS).sensors
+    before = engine.rollout(starts=starts, controls=controls).sensors
+    engine.rollout(starts=starts, controls=controls, fields=fields)
+    after = engine.rollout(starts=starts, controls=controls).sensors
     np.testing.assert_array_equal(before, after)
 
 
@@ -194,14 +194,14 @@ def test_same_for_any_number_of_threads(model, starts, controls, fields, threads
 def test_control_row_picks_the_tape(model, starts, controls):
     row = np.array([3, 3, 0, 1, 6, 2, 5])
     np.testing.assert_array_equal(
-        rollout(model, starts, controls, control_row=row).sensors,
+        rollout(model, starts, controls, row=row).sensors,
         rollout(model, starts, controls[row]).sensors,
     )
 
 
 def test_columns_and_states(model, starts, controls):
-    whole = rollout(model, starts, controls, states=True)
-    some = rollout(model, starts, controls, columns=np.array([5, 0]))
+    whole = rollout(model, starts, controls, keep=Keep(states=True))
+    some = rollout(model, starts, controls, keep=Keep(columns=np.array([5, 0])))
     np.testing.assert_array_equal(some.sensors, whole.sensors[..., [5, 0]])
     assert some.qpos is None
     np.testing.assert_array_equal(whole.qpos[:, 0], starts.qpos)
@@ -222,7 +222,7 @@ def test_contacts_are_counted_before_each_step(forces):
     model = mujoco.MjModel.from_xml_string(DROPPED)
     start = Starts(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
     found = Engine(model, 1).rollout(
-        starts=start, controls=np.zeros((1, 120, 0)), steps=120, forces=forces, states=True
+        starts=start, controls=np.zeros((1, 120, 0)), forces=forces, keep=Keep(states=True)
     )
     np.testing.assert_array_equal(found.contacts[0], found.sensors[0, :, 0] < -0.05)
     assert 0 < found.contacts.sum() < 120
@@ -261,8 +261,8 @@ def damped(model) -> tuple[np.ndarray, ModelFields]:
 
 
 def test_no_force_is_the_plain_path_bit_for_bit(model, starts, controls, fields):
-    plain = rollout(model, starts, controls, fields=fields, states=True)
-    forced = rollout(model, starts, controls, fields=fields, forces=[no_force], states=True)
+    plain = rollout(model, starts, controls, fields=fields, keep=Keep(states=True))
+    forced = rollout(model, starts, controls, fields=fields, forces=[no_force], keep=Keep(states=True))
     for name in ("sensors", "qpos", "qvel", "diverged"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(forced, name), err_msg=name)
 
@@ -298,7 +298,7 @@ def test_forces_add_up(model, starts, controls):
 
 @pytest.mark.parametrize("forced", [False, True])
 def test_chunks_do_not_change_results(model, starts, controls, fields, damped, monkeypatch, forced):
-    options = {"fields": fields, "forces": [drag(damped[0])] if forced else [], "states": True}
+    options = {"fields": fields, "forces": [drag(damped[0])] if forced else [], "keep": Keep(states=True)}
     whole = rollout(model, starts, controls, **options)
     monkeypatch.setattr(engine_module, "CHUNK_SIMULATIONS", 3)
     parts = rollout(model, starts, controls, **options)

@@ -89,7 +89,7 @@ def test_a_shorter_episode_stays_where_it_ends(balanced):
 
 def test_a_simulation_by_the_inputs_alone_falls_over(balanced, monkeypatch):
     def by_inputs_alone(_, task, whole, *__):
-        return nominal_motion(task, task.controls(whole.controls), steps=int(whole.grid_steps.max()))
+        return nominal_motion(task, task.controls(whole.controls))
 
     task, log, states = balanced
     monkeypatch.setattr(log_starts, "followed_motion", by_inputs_alone)

@@ -10,6 +10,7 @@ from machines import DRONE, build, run
 from plain_loop import imported, looped
 
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.samples import Samples
 from capture_cli.log.windows import cut
 from capture_cli.model.effects.companion import companion_module
 from capture_cli.model.effects.ground_effect import GroundEffect, lift_near_floor
@@ -198,15 +199,9 @@ def flown(task, radius: float) -> MeasuredLog:
     both = [multisine(clock, 2, (0.5, 4.0), generator) @ [[1.0, 1.0], [0.2, -0.2]] for _ in range(EPISODES)]
     inputs = hover * (1 + 0.1 * np.concatenate(both))
     time, ends = np.tile(clock, EPISODES), SAMPLES * (1 + np.arange(EPISODES))
-    whole = cut(
-        time=time,
-        inputs=inputs,
-        outputs=np.zeros((len(time), 3)),
-        episodes=[slice(end - SAMPLES, end) for end in ends],
-        timestep=task.timestep,
-        duration=None,
-        linear=np.zeros(2, dtype=bool),
-    )
+    episodes = [slice(end - SAMPLES, end) for end in ends]
+    samples = Samples(time, np.zeros((len(time), 3)), episodes, inputs)
+    whole = cut(samples, None, task.timestep, np.zeros(2, dtype=bool))
     qpos, qvel = np.zeros((EPISODES, 3)), 0.05 * generator.standard_normal((EPISODES, 3))
     qpos[:, 1] = generator.uniform(0.0, 0.1, EPISODES)
     starts = Starts(qpos, qvel, np.zeros((EPISODES, 0)), np.zeros(EPISODES))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from setting_numbers import set_numbers
 
-from capture_cli.log.input_sequences import CachedSequences, LogSequences, input_sequences
+from capture_cli.log.input_sequences import CachedSequences, LoggedInputs, LogSequences, input_sequences
 
 TIMESTEP, LEAD, STOP = 0.002, 60, 90  # s; model steps
 FIRST = np.array([0, 20, 55, 130, 170])
@@ -22,11 +22,11 @@ TIMES = {
 @pytest.mark.parametrize("linear", [False, True])
 @pytest.mark.parametrize("name", TIMES)
 def test_inputs_are_the_same_kept_or_read(name, linear, monkeypatch):
-    log = {"time": TIMES[name](TIMESTEP * np.arange(200)), "timestep": TIMESTEP}
-    log |= {"inputs": np.random.default_rng(0).standard_normal((200, 2)), "linear": np.array([False, linear])}
-    kept = input_sequences(**log, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
+    time, values = TIMES[name](TIMESTEP * np.arange(200)), np.random.default_rng(0).standard_normal((200, 2))
+    logged = LoggedInputs(time, values, TIMESTEP, np.array([False, linear]))
+    kept = input_sequences(logged, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
     set_numbers(monkeypatch, "capture_cli.log.input_sequences", kept_bytes=0)
-    read = input_sequences(**log, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
+    read = input_sequences(logged, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
     assert isinstance(kept, CachedSequences) and isinstance(read, LogSequences)
     keep = np.array([3, 1, 4])
     for tapes, one in ((kept, read), (kept.rows(keep, 70), read.rows(keep, 70))):

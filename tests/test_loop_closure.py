@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_cli.estimate.initial_states.from_outputs import SETTINGS as FROM_OUTPUTS
-from capture_cli.estimate.initial_states.from_outputs import StartEstimate, estimate_starts
+from capture_cli.estimate.initial_states.from_outputs import Places, StartEstimate, estimate_starts
+from capture_cli.log.samples import Samples
 from capture_cli.model.loop_closure import LoopClosure, MeasuredPositions
 from capture_cli.model.states import Starts, offsets_between, shift
-from capture_cli.simulate.engine import Engine
+from capture_cli.simulate.engine import Engine, Keep
 
 PRESS = """
 <mujoco>
@@ -75,7 +76,7 @@ def driven(xml: str, size: float):
     time = model.opt.timestep * np.arange(STEPS)
     still = Starts(model.qpos0[None] + 0.0, np.zeros((1, model.nv)), np.zeros((1, 0)), np.zeros(1))
     drive = size * (0.5 + np.sin(4 * time))
-    done = Engine(model, 1).rollout(starts=still, controls=drive[None, :, None], steps=STEPS, states=True)
+    done = Engine(model, 1).rollout(starts=still, controls=drive[None, :, None], keep=Keep(states=True))
     return model, time[::EVERY], done.sensors[0, ::EVERY], done.qpos[0, ::EVERY], done.qvel[0, ::EVERY]
 
 
@@ -83,12 +84,8 @@ def estimated(model, time, outputs, at, believed=None) -> StartEstimate:
     return estimate_starts(
         model,
         [0],
-        time=time,
-        outputs=outputs,
-        episodes=[slice(0, len(time))],
-        window_first=at,
-        window_episode=np.zeros(len(at), dtype=int),
-        noise_sd=np.full(1, NOISE),
+        Places(Samples(time, outputs, [slice(0, len(time))]), at, np.zeros(len(at), dtype=int)),
+        np.full(1, NOISE),
         unmeasured=believed or astray(model, len(at), 0),
     )
 
@@ -184,7 +181,7 @@ def test_constraints_are_as_soft_as_loads_have_them(sensors):
     time = model.opt.timestep * np.arange(STEPS)
     still = Starts(model.qpos0[None] + 0.0, np.zeros((1, model.nv)), np.zeros((1, 0)), np.zeros(1))
     controls = 3 * np.sin(20 * time)[None, :, None]
-    done = Engine(model, 1).rollout(starts=still, controls=controls, steps=STEPS, states=True)
+    done = Engine(model, 1).rollout(starts=still, controls=controls, keep=Keep(states=True))
     slack = LoopClosure(model).slack_of(done.qpos[0], done.qvel[0])
     assert slack.shape == (2, 1) and slack[0, 0] > 10 * NOISE
     at = np.arange(100, STEPS // EVERY - 100, 50)
@@ -193,12 +190,12 @@ def test_constraints_are_as_soft_as_loads_have_them(sensors):
         found = estimate_starts(
             model,
             sensors,
-            time=time[::EVERY],
-            outputs=done.sensors[0, ::EVERY][:, sensors],
-            episodes=[slice(0, STEPS // EVERY)],
-            window_first=at,
-            window_episode=np.zeros(len(at), dtype=int),
-            noise_sd=np.full(len(sensors), NOISE),
+            Places(
+                Samples(time[::EVERY], done.sensors[0, ::EVERY][:, sensors], [slice(0, STEPS // EVERY)]),
+                at,
+                np.zeros(len(at), dtype=int),
+            ),
+            np.full(len(sensors), NOISE),
             unmeasured=astray(model, len(at), 0),
             slack=known,
         )
@@ -299,12 +296,8 @@ def test_outputs_that_contradict_a_loop_are_named(off):
     found = estimate_starts(
         model,
         [0, 1],
-        time=time,
-        outputs=outputs,
-        episodes=[slice(0, len(time))],
-        window_first=at,
-        window_episode=np.zeros(len(at), dtype=int),
-        noise_sd=noise,
+        Places(Samples(time, outputs, [slice(0, len(time))]), at, np.zeros(len(at), dtype=int)),
+        noise,
     )
     assert list(found.open_loops) == ["pin"] * bool(off)
     assert all(0.003 < gap < 0.1 for gap in found.open_loops.values())

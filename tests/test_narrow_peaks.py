@@ -81,7 +81,6 @@ def test_pulses_add_up_to_a_force_whatever_the_chunks(monkeypatch):
         .rollout(
             starts=still,
             controls=np.zeros((count, 150, model.nu)),
-            steps=150,
             forces=[pulses.force(every, model.opt.timestep)],
         )
         .sensors

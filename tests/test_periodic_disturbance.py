@@ -22,7 +22,7 @@ from capture_cli.model.tasks import load_task
 from capture_cli.select import search as attribution
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings
-from capture_cli.simulate.engine import Engine
+from capture_cli.simulate.engine import Engine, Keep
 from capture_cli.stages.diagnose import diagnose_prepared
 from capture_cli.stages.record import record
 
@@ -159,9 +159,8 @@ def moved(
         .rollout(
             starts=still,
             controls=np.zeros((count, 100, model.nu)),
-            steps=100,
             forces=[effect.force(values, model.opt.timestep, **log)],
-            states=True,
+            keep=Keep(states=True),
         )
         .qpos[..., 0]
     )

@@ -252,7 +252,6 @@ def test_a_gear_that_is_open_is_the_effect_s_own_as_well(effect_of):
         .rollout(
             starts=start,
             controls=tape[None, :, None],
-            steps=len(tape),
             fields=f,
             forces=[e.force(values[None], 0.001)],
         )

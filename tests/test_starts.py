@@ -8,6 +8,7 @@ import pytest
 
 from capture_cli.estimate.initial_states.from_outputs import SETTINGS as FROM_OUTPUTS
 from capture_cli.estimate.initial_states.from_outputs import (
+    Places,
     StartEstimate,
     estimate_starts,
     from_episodes,
@@ -15,10 +16,11 @@ from capture_cli.estimate.initial_states.from_outputs import (
     model_starts,
 )
 from capture_cli.estimate.initial_states.local_motion import Neighbours, local_motion
+from capture_cli.log.samples import Samples
 from capture_cli.model import effects
 from capture_cli.model.coordinate_sources import measures_every_coordinate, sources_of, unmeasured_joints
 from capture_cli.model.states import Starts, offsets_between, shift
-from capture_cli.simulate.engine import Engine, Rollouts
+from capture_cli.simulate.engine import Engine, Keep, Rollouts
 
 # A carriage on a spring, a pendulum on a ball joint, and a body that flies: every kind of coordinate.
 XML = """
@@ -59,7 +61,7 @@ def motion(model):
     start = Starts(
         model.qpos0[None] + 0.0, random.normal(0, 1.0, (1, model.nv)), np.zeros((1, 0)), np.zeros(1)
     )
-    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), steps=STEPS, states=True)
+    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), keep=Keep(states=True))
     sampled = slice(None, None, EVERY)
     return (
         model.opt.timestep * np.arange(STEPS)[sampled],
@@ -75,24 +77,18 @@ def columns(model, *names: str) -> np.ndarray:
     return np.concatenate([s.adr[0] + np.arange(s.dim[0]) for s in sensors])
 
 
-def estimate(model, motion, names, noise: float, first=None, **options) -> tuple[StartEstimate, np.ndarray]:
+def estimate(
+    model, motion, names, noise: float, first=None, sampled=None, **options
+) -> tuple[StartEstimate, np.ndarray]:
     """Starts of windows that begin at the steps `first`, from noisy outputs, and their true tangent error."""
     time, sensors, qpos, qvel = motion
     first = np.arange(0, len(time) - 60, 30) if first is None else first
     data = columns(model, *names)
     outputs = sensors[:, data] + noise * np.random.default_rng(4).standard_normal((len(time), len(data)))
-    outputs = np.where(options.get("sampled", True), outputs, 1e3)
-    found = estimate_starts(
-        model,
-        data,
-        time=time,
-        outputs=outputs,
-        episodes=[slice(0, len(time))],
-        window_first=first,
-        window_episode=np.zeros(len(first), dtype=int),
-        noise_sd=np.full(len(data), max(noise, 1e-9)),
-        **options,
-    )
+    outputs = outputs if sampled is None else np.where(sampled, outputs, 1e3)
+    log = Samples(time, outputs, [slice(0, len(time))], sampled=sampled)
+    places = Places(log, first, np.zeros(len(first), dtype=int))
+    found = estimate_starts(model, data, places, np.full(len(data), max(noise, 1e-9)), **options)
     error = np.zeros((len(first), 2 * model.nv))
     for row, step in enumerate(first):
         mujoco.mj_differentiatePos(model, error[row, : model.nv], 1.0, qpos[step], found.starts.qpos[row])
@@ -153,7 +149,7 @@ def test_runge_kutta_has_no_such_lag():
         </mujoco>""")
     time = spring.opt.timestep * np.arange(STEPS)
     start = Starts(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
-    done = Engine(spring, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), steps=STEPS, states=True)
+    done = Engine(spring, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), keep=Keep(states=True))
     _, error = estimate(spring, (time, done.sensors[0], done.qpos[0], done.qvel[0]), ("x",), noise=0.0)
     assert np.abs(error).max() < 1e-4  # of 6 m/s
 
@@ -275,12 +271,12 @@ def test_an_attitude_may_turn_by_more_than_half_a_turn_within_reach(turned):
     found = estimate_starts(
         model,
         range(4),
-        time=0.02 * np.arange(60),
-        outputs=outputs,
-        episodes=[slice(0, 60)],
-        window_first=np.array([0, 20, 40]),
-        window_episode=np.zeros(3, dtype=int),
-        noise_sd=np.full(4, 2e-3),
+        Places(
+            Samples(0.02 * np.arange(60), outputs, [slice(0, 60)]),
+            np.array([0, 20, 40]),
+            np.zeros(3, dtype=int),
+        ),
+        np.full(4, 2e-3),
     )
     assert (np.abs(found.starts.qvel[:, 3:] - rate) < found.sd[:, 9:]).all()
     assert np.linalg.norm(found.starts.qvel[1, 3:] - rate) < 0.02 * np.linalg.norm(rate)
@@ -305,7 +301,7 @@ def test_the_turning_of_a_tumbling_body_is_known_at_both_ends_of_an_episode(spin
     axes = generator.normal(size=(6, 3))
     start = model_starts(model, 6).starts
     start.qvel[:, 3:] = spin * axes / np.linalg.norm(axes, axis=1, keepdims=True)
-    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((6, 1000, 0)), steps=1000, states=True)
+    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((6, 1000, 0)), keep=Keep(states=True))
     for sensors, qpos, qvel in zip(
         *(a[:, :1000:20] for a in (done.sensors, done.qpos, done.qvel)), strict=True
     ):
@@ -324,7 +320,7 @@ def test_a_turning_is_not_followed_across_a_gap():
     body = mujoco.MjModel.from_xml_string(TUMBLING)
     start = model_starts(body, 1).starts
     start.qvel[:, 3:] = [12.0, 12.0, 11.0]
-    done = Engine(body, 1).rollout(starts=start, controls=np.zeros((1, 1000, 0)), steps=1000, states=True)
+    done = Engine(body, 1).rollout(starts=start, controls=np.zeros((1, 1000, 0)), keep=Keep(states=True))
     kept = np.r_[0:200:20, 380:1000:20]
     motion = (0.001 * kept, *(a[0, kept] for a in (done.sensors, done.qpos, done.qvel)))
     found, error = estimate(body, motion, ("how",), noise=1e-3, first=np.array([7, 9, 10, 12]))
@@ -399,7 +395,7 @@ def gyros() -> tuple[mujoco.MjModel, tuple]:
     model = mujoco.MjModel.from_xml_string(GYROS)
     speed = np.random.default_rng(5).normal(0, 2.0, (1, model.nv))
     start = Starts(model.qpos0[None] + 0.0, speed, np.zeros((1, 0)), np.zeros(1))
-    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), steps=STEPS, states=True)
+    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), keep=Keep(states=True))
     return model, (model.opt.timestep * np.arange(STEPS), done.sensors[0], done.qpos[0], done.qvel[0])
 
 
@@ -471,7 +467,7 @@ PLATE = """
 def test_a_camera_gives_the_slides_that_carry_a_point():
     plate = mujoco.MjModel.from_xml_string(PLATE)
     begin = Starts(np.array([[0.1, 0.25, 0.3]]), np.array([[0.2, -0.4, 1.0]]), np.zeros((1, 0)), np.zeros(1))
-    done = Engine(plate, 1).rollout(starts=begin, controls=np.zeros((1, 600, 0)), steps=600, states=True)
+    done = Engine(plate, 1).rollout(starts=begin, controls=np.zeros((1, 600, 0)), keep=Keep(states=True))
     data = columns(plate, "turn", "marker")
     assert measures_every_coordinate(plate, data)
     outputs, first = done.sensors[0][:, data], np.arange(100, 500, 50)
@@ -482,12 +478,10 @@ def test_a_camera_gives_the_slides_that_carry_a_point():
     found = estimate_starts(
         plate,
         data,
-        time=0.002 * np.arange(600),
-        outputs=outputs,
-        episodes=[slice(0, 600)],
-        window_first=first,
-        window_episode=np.zeros(len(first), dtype=int),
-        noise_sd=np.full(4, 1e-5),
+        Places(
+            Samples(0.002 * np.arange(600), outputs, [slice(0, 600)]), first, np.zeros(len(first), dtype=int)
+        ),
+        np.full(4, 1e-5),
     )
     np.testing.assert_allclose(found.starts.qpos, done.qpos[0, first], atol=1e-4)
     np.testing.assert_allclose(found.starts.qvel, done.qvel[0, first], atol=5e-3)
@@ -601,7 +595,7 @@ def test_gears_and_tendons_are_solved_for_the_joints_they_move(names):
     begin = Starts(
         random.normal(0, 0.3, (1, 3)), random.normal(0, 1.0, (1, 3)), np.zeros((1, 0)), np.zeros(1)
     )
-    done = Engine(gears, 1).rollout(starts=begin, controls=np.zeros((1, 1000, 2)), steps=1000, states=True)
+    done = Engine(gears, 1).rollout(starts=begin, controls=np.zeros((1, 1000, 2)), keep=Keep(states=True))
     data = columns(gears, *names)
     assert measures_every_coordinate(gears, data)
     assert unmeasured_joints(gears, data) == []
@@ -611,12 +605,12 @@ def test_gears_and_tendons_are_solved_for_the_joints_they_move(names):
     found = estimate_starts(
         gears,
         data,
-        time=0.001 * np.arange(1000),
-        outputs=outputs,
-        episodes=[slice(0, 1000)],
-        window_first=first,
-        window_episode=np.zeros(len(first), dtype=int),
-        noise_sd=noise,
+        Places(
+            Samples(0.001 * np.arange(1000), outputs, [slice(0, 1000)]),
+            first,
+            np.zeros(len(first), dtype=int),
+        ),
+        noise,
     )
     off = np.hstack([found.starts.qpos - done.qpos[0, first], found.starts.qvel - done.qvel[0, first]])
     assert (found.sd[:, :3] < 20 * 1e-4).all() and (found.sd[:, 3:] < 0.5).all()

@@ -521,7 +521,7 @@ def test_the_centre_of_mass_of_a_simple_body_can_be_moved_and_is_exported(tmp_pa
     else:
         task.write(fields, np.array([[0.03, 0.01]]))
     start = Starts(task.model.qpos0[None], np.ones((1, task.model.nv)), np.zeros((1, 0)), np.zeros(1))
-    options = {"starts": start, "controls": np.zeros((1, 300, 0)), "steps": 300}
+    options = {"starts": start, "controls": np.zeros((1, 300, 0))}
     found = Engine(task.model, 1).rollout(**options, fields=fields).sensors
     (tmp_path / "out.xml").write_text(to_mjcf(tmp_path / "box.xml", fields, tmp_path / "out.xml"))
     exported = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))

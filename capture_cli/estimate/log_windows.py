@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.samples import Samples
 from capture_cli.log.windows import Spans, Windows, at_spans, cut
 from capture_cli.model.tasks.base import Task
 
@@ -20,24 +21,16 @@ def clock(log: MeasuredLog) -> np.ndarray:
     return log.time - log.time[0]
 
 
+def clocked(log: MeasuredLog) -> Samples:
+    """The log by the clock of simulations."""
+    return replace(log.samples, time=clock(log))
+
+
 def cut_log(log: MeasuredLog, task: Task, duration: float | None) -> Windows:
     """Windows of `duration` s, or of whole episodes where None, by the clock of simulations."""
-    return cut(duration=duration, **_of(log, task))
+    return cut(clocked(log), duration, task.timestep, task.linear)
 
 
 def windows_at(log: MeasuredLog, task: Task, spans: Spans) -> Windows:
     """Windows at `spans` of the log, which may overlap, by the clock of simulations."""
-    return at_spans(spans, **_of(log, task))
-
-
-def _of(log: MeasuredLog, task: Task) -> dict[str, Any]:
-    """The log as windows are cut out of it."""
-    return {
-        "time": clock(log),
-        "inputs": log.inputs,
-        "outputs": log.values,
-        "episodes": log.episodes,
-        "timestep": task.timestep,
-        "linear": task.linear,
-        "sampled": log.sampled,
-    }
+    return at_spans(spans, clocked(log), task.timestep, task.linear)

@@ -63,14 +63,11 @@ def prepare(
     if only is not None:
         windows = windows.rows(only)
     noise = noise_floor(
-        log.values,
-        log.episodes,
+        log.samples,
         [c.noise_sd for c in task.outputs],
-        time=log.time,
         driven_by=driven_by(log),
         block=int(np.clip(np.median(windows.samples) / 2, *SETTINGS.repeated_samples)),
         attitudes=attitudes(task),
-        sampled=log.sampled,
     )
     check_changes(log, task, noise.sd)
     starts = log_starts(log, task, windows, noise, threads)

@@ -19,6 +19,71 @@ SETTINGS = InputSequencesSettings()
 
 
 @dataclass(frozen=True)
+class LoggedInputs:
+    """Inputs `values` (step, input) of a log, sampled at time (step,) s, for a model that takes steps of `timestep` s:
+    held, or interpolated where `linear` (input,).
+    """
+
+    time: np.ndarray
+    values: np.ndarray
+    timestep: float
+    linear: np.ndarray
+
+    def part(self, steps: slice) -> LoggedInputs:
+        """Those of some steps."""
+        return replace(self, time=self.time[steps], values=self.values[steps])
+
+    def at(self, times: np.ndarray, sums_from: int | None = None) -> np.ndarray:
+        """Inputs (model step, input) for the steps that begin at `times`.
+
+        Of one that changes inside a step it is the mean over the step; of an interpolated one what it is at the step's
+        beginning, not in its middle: a step kicks velocities and then moves positions with the new ones, which is
+        leapfrog with kicks at `times`, and positions are right to the second order (docs/dev/findings.md).
+
+        sums_from: the sample that the sums begin at from which means are worked out; None for the first that is needed.
+        Its choice shows in the last digit: part of a tape is as it is in the whole only where both have the same.
+        """
+        held, changes = self._held_through(times)
+        values = self.values[held]
+        if changes.size:
+            values[changes] = self._mean_from(times[changes], sums_from)
+        if self.linear.any():
+            near = slice(max(held.min() - 1, 0), held.max() + 3)
+            for k in np.flatnonzero(self.linear):
+                values[:, k] = np.interp(times, self.time[near], self.values[near, k])
+        return values
+
+    def sums_from(self, times: np.ndarray) -> int:
+        """Where `at` begins its sums for the whole of `times`."""
+        _, changes = self._held_through(times)
+        return int(self._held(times[changes[:1]], 0.0)[0]) if changes.size else 0
+
+    def _held_through(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which of the samples is held at the beginning of each step, (model step,), and the steps in which another
+        follows.
+        """
+        tolerance = SETTINGS.grid_tolerance * self.timestep
+        held = self._held(times, tolerance)
+        return held, np.flatnonzero(self._held(times + self.timestep, -tolerance) > held)
+
+    def _held(self, times: np.ndarray, tolerance: float) -> np.ndarray:
+        """Which of the samples are held at `times`: the last of those before; the first before all."""
+        last = np.searchsorted(self.time, times + tolerance, side="right") - 1
+        return np.clip(last, 0, len(self.time) - 1)
+
+    def _mean_from(self, times: np.ndarray, sums_from: int | None) -> np.ndarray:
+        """The mean of held inputs over the step from each of `times`, (time, input); sums_from as of `at`."""
+        edges = np.stack([times, times + self.timestep])
+        held = self._held(edges, 0.0)
+        own = slice(held.min() if sums_from is None else sums_from, held.max() + 1)
+        time, values, held = self.time[own], self.values[own], held - own.start
+        whole = np.zeros_like(values)
+        np.cumsum(values[:-1] * np.diff(time)[:, None], axis=0, out=whole[1:])
+        begin, end = whole[held] + values[held] * (edges - time[held])[..., None]
+        return (end - begin) / self.timestep
+
+
+@dataclass(frozen=True)
 class CachedSequences:
     """kept (window, lead + stop, input): from `lead` steps before each window begins to `stop` steps after."""
 
@@ -43,15 +108,11 @@ class CachedSequences:
 class LogSequences:
     """The same inputs, to the last digit, read off the log when they are asked for.
 
-    time (step,), s; logged (step, input); linear (input,), as for `inputs_at`. first (window,): the step of the log
-    that each window begins at. known (window, 2): from which step of the log, and up to which, inputs are known to it.
-    sums_from (window,): which of those sums of inputs begin at, as for `inputs_at`.
+    first (window,): the step of the log that each window begins at. known (window, 2): from which step of the log, and
+    up to which, inputs are known to it. sums_from (window,): which of those sums begin at, as for `LoggedInputs.at`.
     """
 
-    time: np.ndarray
-    logged: np.ndarray
-    timestep: float
-    linear: np.ndarray
+    logged: LoggedInputs
     first: np.ndarray
     known: np.ndarray
     sums_from: np.ndarray
@@ -66,19 +127,12 @@ class LogSequences:
 
     def inputs(self, row: np.ndarray, begin: int, stop: int) -> np.ndarray:
         """Inputs (row, step, input) of the windows `row` (row,), from `begin` to `stop` steps after each begins."""
-        steps = self.timestep * np.arange(begin, stop)
-        tapes = np.empty((len(row), len(steps), self.logged.shape[1]))
+        logged = self.logged
+        steps = logged.timestep * np.arange(begin, stop)
+        tapes = np.empty((len(row), len(steps), logged.values.shape[1]))
         for tape, window in zip(tapes, row, strict=True):
-            known = slice(*self.known[window])
-            times = self.time[self.first[window]] + steps
-            tape[...] = inputs_at(
-                times,
-                self.time[known],
-                self.logged[known],
-                self.timestep,
-                self.linear,
-                sums_from=self.sums_from[window],
-            )
+            times = logged.time[self.first[window]] + steps
+            tape[...] = logged.part(slice(*self.known[window])).at(times, self.sums_from[window])
         return tapes
 
 
@@ -86,87 +140,16 @@ InputSequences = CachedSequences | LogSequences
 
 
 def input_sequences(
-    time: np.ndarray,
-    inputs: np.ndarray,
-    timestep: float,
-    linear: np.ndarray,
-    *,
-    first: np.ndarray,
-    known: np.ndarray,
-    lead: int,
-    stop: int,
+    logged: LoggedInputs, *, first: np.ndarray, known: np.ndarray, lead: int, stop: int
 ) -> InputSequences:
     """Tapes of windows from `lead` steps before each to `stop` after, as of LogSequences; kept where they are small.
 
     Where the log does not reach so far, they hold its first and last values.
     """
-    steps = timestep * np.arange(-lead, stop)
-    each = ((time[a] + steps, slice(*span)) for a, span in zip(first, known, strict=True))
-    if len(first) * len(steps) * inputs.shape[1] * inputs.itemsize <= SETTINGS.kept_bytes:
-        kept = [inputs_at(times, time[own], inputs[own], timestep, linear) for times, own in each]
-        return CachedSequences(np.stack(kept), lead)
-    sums_from = np.array([_sums_from(times, time[own], timestep) for times, own in each])
-    return LogSequences(time, inputs, timestep, linear, first, known, sums_from, lead, stop)
-
-
-def inputs_at(
-    times: np.ndarray,
-    time: np.ndarray,
-    inputs: np.ndarray,
-    timestep: float,
-    linear: np.ndarray,
-    sums_from: int | None = None,
-) -> np.ndarray:
-    """Inputs (step, input), sampled at `time`, for the steps that begin at `times`: held, or interpolated where
-    `linear` (input,).
-
-    Of one that changes inside a step it is the mean over the step; of an interpolated one what it is at the step's
-    beginning, not in its middle: a step kicks velocities and then moves positions with the new ones, which is leapfrog
-    with kicks at `times`, and positions are right to the second order (docs/dev/findings.md).
-
-    sums_from: the sample that the sums begin at from which means are worked out; None for the first that is needed. Its
-    choice shows in the last digit: part of a tape is as it is in the whole only where both have the same.
-    """
-    held, changes = _held_through(time, times, timestep)
-    values = inputs[held]
-    if changes.size:
-        values[changes] = _mean_from(time, inputs, times[changes], timestep, sums_from)
-    if linear.any():
-        near = slice(max(held.min() - 1, 0), held.max() + 3)
-        for k in np.flatnonzero(linear):
-            values[:, k] = np.interp(times, time[near], inputs[near, k])
-    return values
-
-
-def _sums_from(times: np.ndarray, time: np.ndarray, timestep: float) -> int:
-    """Where `inputs_at` begins its sums for the whole of `times`."""
-    _, changes = _held_through(time, times, timestep)
-    return int(_held(time, times[changes[:1]], 0.0)[0]) if changes.size else 0
-
-
-def _held_through(time: np.ndarray, times: np.ndarray, timestep: float) -> tuple[np.ndarray, np.ndarray]:
-    """Which of the samples at `time` is held at the beginning of each step, (step,), and the steps in which another
-    follows.
-    """
-    tolerance = SETTINGS.grid_tolerance * timestep
-    held = _held(time, times, tolerance)
-    return held, np.flatnonzero(_held(time, times + timestep, -tolerance) > held)
-
-
-def _held(time: np.ndarray, times: np.ndarray, tolerance: float) -> np.ndarray:
-    """Which of the samples at `time` are held at `times`: the last of those before; the first before all."""
-    return np.clip(np.searchsorted(time, times + tolerance, side="right") - 1, 0, len(time) - 1)
-
-
-def _mean_from(
-    time: np.ndarray, inputs: np.ndarray, times: np.ndarray, duration: float, sums_from: int | None
-) -> np.ndarray:
-    """The mean of held inputs over `duration` s from each of `times`, (time, input); sums_from as of `inputs_at`."""
-    edges = np.stack([times, times + duration])
-    held = _held(time, edges, 0.0)
-    own = slice(held.min() if sums_from is None else sums_from, held.max() + 1)
-    time, inputs, held = time[own], inputs[own], held - own.start
-    whole = np.zeros_like(inputs)
-    np.cumsum(inputs[:-1] * np.diff(time)[:, None], axis=0, out=whole[1:])
-    begin, end = whole[held] + inputs[held] * (edges - time[held])[..., None]
-    return (end - begin) / duration
+    steps = logged.timestep * np.arange(-lead, stop)
+    each = ((logged.time[a] + steps, logged.part(slice(*span))) for a, span in zip(first, known, strict=True))
+    values = logged.values
+    if len(first) * len(steps) * values.shape[1] * values.itemsize <= SETTINGS.kept_bytes:
+        return CachedSequences(np.stack([own.at(times) for times, own in each]), lead)
+    sums_from = np.array([own.sums_from(times) for times, own in each])
+    return LogSequences(logged, first, known, sums_from, lead, stop)

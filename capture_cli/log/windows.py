@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.log.input_sequences import SETTINGS as INPUT_SEQUENCES
-from capture_cli.log.input_sequences import InputSequences, input_sequences
+from capture_cli.log.input_sequences import InputSequences, LoggedInputs, input_sequences
+from capture_cli.log.samples import Samples
 
 
 @dataclass(frozen=True)
@@ -133,28 +134,18 @@ class Spans:
 
 
 def cut(
-    *,
-    time: np.ndarray,
-    inputs: np.ndarray,
-    outputs: np.ndarray,
-    episodes: Sequence[slice],
-    timestep: float,
-    duration: float | None,
-    linear: np.ndarray,
-    sampled: np.ndarray | None = None,
-    has_gaps: bool = True,
+    samples: Samples, duration: float | None, timestep: float, linear: np.ndarray, *, has_gaps: bool = True
 ) -> Windows:
     """Windows of `duration` seconds (whole episodes where None) of every episode.
 
-    time (step,) s; inputs (step, input); outputs (step, output). linear (input,): interpolate that input rather than
-    hold it. sampled (step, output): where outputs have a sample, everywhere where None. No step is in two windows, and
-    none is left out but one that stands alone between two gaps. The tail of an episode that is shorter than half a
+    timestep: the model's, s. linear (input,): interpolate that input rather than hold it. No step is in two windows,
+    and none is left out but one that stands alone between two gaps. The tail of an episode that is shorter than half a
     window is joined to the window before it. has_gaps: False where time is known to have none, however uneven it is.
     """
-    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
+    time, sampled = samples.time, samples.sampled
     spans = [
         (number, begun, a, b)
-        for number, steps in enumerate(episodes)
+        for number, steps in enumerate(samples.episodes)
         for begun, a, b in _spans(
             time[steps],
             steps.start,
@@ -162,31 +153,12 @@ def cut(
             usual_interval(time[steps], sampled[steps]) if has_gaps else np.inf,
         )
     ]
-    return at_spans(
-        Spans(*np.array(spans).T),
-        time=time,
-        inputs=inputs,
-        outputs=outputs,
-        episodes=episodes,
-        timestep=timestep,
-        linear=linear,
-        sampled=sampled,
-    )
+    return at_spans(Spans(*np.array(spans).T), samples, timestep, linear)
 
 
-def at_spans(
-    spans: Spans,
-    *,
-    time: np.ndarray,
-    inputs: np.ndarray,
-    outputs: np.ndarray,
-    episodes: Sequence[slice],
-    timestep: float,
-    linear: np.ndarray,
-    sampled: np.ndarray | None = None,
-) -> Windows:
+def at_spans(spans: Spans, samples: Samples, timestep: float, linear: np.ndarray) -> Windows:
     """The windows of a log at `spans`, which may overlap; the rest is as for `cut`."""
-    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
+    time, episodes = samples.time, samples.episodes
     episode, begun, first, stop = spans.episode, spans.begun, spans.first, spans.stop
     elapsed = time[first] - time[[episodes[number].start for number in episode]]
     known = time[first] - time[begun]
@@ -194,10 +166,7 @@ def at_spans(
     lead = _steps(known.max(), timestep)
     ahead = _steps(SETTINGS.most_drift * elapsed.max(), timestep)
     tapes = input_sequences(
-        time,
-        inputs,
-        timestep,
-        linear,
+        LoggedInputs(time, samples.inputs, timestep, linear),
         first=first,
         # the input after a window's last sample is known, if not an episode's
         known=np.stack([begun, [episodes[number].stop for number in episode]], axis=1),
@@ -217,9 +186,9 @@ def at_spans(
         tapes=tapes,
         index=index,
         weight=np.maximum(position - index, 0.0),
-        measured=_padded(outputs, first, stop),
+        measured=_padded(samples.outputs, first, stop),
         mask=mask,
-        sampled=_padded(sampled, first, stop),
+        sampled=_padded(samples.sampled, first, stop),
         timestep=timestep,
     )
 

@@ -10,11 +10,13 @@ class ModelFields:
     """Per-simulation copies of a model's fields, (simulation, ...), made when first asked for.
 
     Names are those of MjModel ("dof_damping") and, with the prefix "opt.", of MjOption ("opt.gravity").
+    substeps: steps of "opt.timestep" in one of the grid on which controls come and sensors are read.
     """
 
     def __init__(self, model: mujoco.MjModel, simulations: int):
         self.model = model
         self.simulations = simulations
+        self.substeps = 1
         self.values: dict[str, np.ndarray] = {}
 
     def __getitem__(self, name: str) -> np.ndarray:

@@ -61,6 +61,25 @@ class Rollouts:
     actuator_force: np.ndarray | None = None
 
 
+@dataclass(frozen=True)
+class Keep:
+    """What is kept of simulations: `columns` of sensordata (all where None); with `states` also these, contacts, limits
+    and forces of actuators, which `actuator_forces` keeps alone.
+    """
+
+    columns: np.ndarray | None = None
+    states: bool = False
+    actuator_forces: bool = False
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Of MjData, beside sensordata."""
+        return (*STATES, *WORKED_OUT) if self.states else ("actuator_force",) if self.actuator_forces else ()
+
+
+SENSORS = Keep()
+
+
 class Engine:
     """Steps many simulations of `model` on `threads` threads (all cores where None); `rollouts`: how many so far."""
 
@@ -73,40 +92,34 @@ class Engine:
 
     def rollout(
         self,
-        *,
         starts: Starts,
         controls: np.ndarray,
-        steps: int,
-        control_row: np.ndarray | None = None,
+        *,
+        row: np.ndarray | None = None,
         fields: ModelFields | None = None,
         forces: Sequence[Force] = (),
-        columns: np.ndarray | None = None,
-        states: bool = False,
-        actuator_forces: bool = False,
-        substeps: int = 1,
+        keep: Keep = SENSORS,
     ) -> Rollouts:
-        """Step every simulation `steps` times and record its sensors before each step.
+        """Step every simulation once for each of its controls, and record its sensors before each step.
 
-        controls: (row, at least `steps`, nu); simulation i is driven by controls[control_row[i]] (row i where None).
-        fields: per-simulation model values; constants that derive from them are recomputed.
-        columns: which columns of sensordata to keep (all where None). states: keep states, contacts, limits, forces;
-        actuator_forces: keep those of actuators, whatever `states` says.
-        substeps: how many of the simulations' own time steps, which `fields` then say, make one step.
+        controls: (row, step, nu); simulation i is driven by controls[row[i]] (row i where None).
+        fields: per-simulation model values; constants that derive from them are recomputed. They say how many of the
+        simulations' own time steps make one step.
 
         A simulation in which MuJoCo warns of divergence is held from there on and marked.
         """
         count = len(starts)
-        control_row = np.arange(count) if control_row is None else np.asarray(control_row)
-        columns = np.arange(self.model.nsensordata) if columns is None else np.asarray(columns)
-        also = (*STATES, *WORKED_OUT) if states else ("actuator_force",) if actuator_forces else ()
-        fields_kept = ("sensordata", *also)
+        row = np.arange(count) if row is None else row
+        columns = slice(None) if keep.columns is None else keep.columns
+        substeps = 1 if fields is None else fields.substeps
+        fields_kept = ("sensordata", *keep.fields)
         recorded: dict[str, list[np.ndarray]] = {name: [] for name in fields_kept}
         diverged = []
-        size = self._chunk(steps * substeps)
+        size = self._chunk(controls.shape[1] * substeps)
         for first in range(0, count, size):
             rows = np.arange(first, min(count, first + size))
             runner = self._prepare(rows, starts, fields)
-            tape = controls[control_row[rows], :steps]
+            tape = controls[row[rows]]
             chunk, bad = _step(runner, rows, tape, forces, fields_kept, substeps)
             chunk["sensordata"] = chunk["sensordata"][..., columns]
             for name, values in chunk.items():

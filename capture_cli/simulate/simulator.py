@@ -18,7 +18,7 @@ from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.states import Starts, shift
 from capture_cli.model.tasks.base import Task
 from capture_cli.model.world import Force
-from capture_cli.simulate.engine import Engine, Rollouts
+from capture_cli.simulate.engine import Engine, Keep, Rollouts
 
 
 @dataclass(frozen=True)
@@ -101,14 +101,19 @@ class _Runs:
 
 @dataclass(frozen=True)
 class _Drives:
-    """What drives simulations; the last inputs are held after the end of a tape.
+    """What drives simulations for so many `steps`; the last inputs are held after the end of a tape.
 
     row (simulation,): which of them drives each. known (simulation,): how many before the first step are from the log.
+    began (simulation,): s, when the episode of each did. first (simulation,): the step of the log that each begins at;
+    None where there is no log.
     """
 
     tapes: InputSequences
     row: np.ndarray
     known: np.ndarray
+    steps: int
+    began: np.ndarray
+    first: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -285,13 +290,11 @@ class Simulator:
         each = self._with_known(np.asarray(parameters, dtype=float))
         length = (task.grid_steps - 1) * task.timestep
         none = np.zeros(count)
-        rollouts = self._step(
-            Begun(episodes.starts, hidden=np.zeros((count, self.hidden_states)), early=none, drift=none),
-            _Drives(CachedSequences(episodes.inputs), np.arange(count), known=none.astype(int)),
-            task.grid_steps + self._steps_beyond(each, np.zeros(count), length),
-            each,
-            began=none,
-        )
+        begun = Begun(episodes.starts, hidden=np.zeros((count, self.hidden_states)), early=none, drift=none)
+        steps = task.grid_steps + self._steps_beyond(each, np.zeros(count), length)
+        tapes = CachedSequences(episodes.inputs)
+        drives = _Drives(tapes, np.arange(count), none.astype(int), steps, began=none)
+        rollouts = self._step(begun, drives, each)
         self.rollouts += count
         points = np.rint(task.point_times / task.timestep).astype(int)
         return task.observe(rollouts.sensors[:, points]), rollouts.diverged
@@ -349,15 +352,15 @@ class Simulator:
         """Rollouts whose sensors are the outputs on the grid of the windows."""
         windows, row, each = runs.windows, runs.row, runs.each
         begun, length = self._begun(runs), windows.grid * windows.timestep
-        rollouts = self._step(
-            begun,
-            _Drives(windows.tapes, row, windows.known_lead[row]),
+        drives = _Drives(
+            windows.tapes,
+            row,
+            windows.known_lead[row],
             windows.grid + self._steps_beyond(each, windows.elapsed[row], length, begun.early),
-            each,
             began=(windows.time - windows.elapsed)[row],
             first=None if windows.first is None else windows.first[row],
-            keep_states=keep_states,
         )
+        rollouts = self._step(begun, drives, each, keep_states=keep_states)
         return _from(rollouts, begun.early / windows.timestep) if begun.early.any() else rollouts
 
     def _steps_beyond(
@@ -376,36 +379,24 @@ class Simulator:
         return int(np.ceil(np.max(more, initial=0.0) / self.task.timestep))
 
     def _step(
-        self,
-        begun: Begun,
-        drives: _Drives,
-        steps: int,
-        each: np.ndarray,
-        *,
-        began: np.ndarray,
-        first: np.ndarray | None = None,
-        keep_states: bool = False,
+        self, begun: Begun, drives: _Drives, each: np.ndarray, *, keep_states: bool = False
     ) -> Rollouts:
-        """Rollouts whose sensors are the outputs on the grid, from where they begin; each (simulation, parameter).
-
-        began (simulation,): s, when the episode of each did. first (simulation,): the step of the log that each begins
-        at; None where there is no log.
-        """
-        starts, hidden = begun.starts, begun.hidden
-        elapsed = starts.time - began
-        controls, row = self._drive(drives, steps, each, begun, elapsed, first)
+        """Rollouts whose sensors are the outputs on the grid, from where they begin; each (simulation, parameter)."""
+        starts, hidden, first = begun.starts, begun.hidden, drives.first
+        elapsed = starts.time - drives.began
+        controls, row = self._drive(drives, each, begun, elapsed)
         measures = self._measures
         rollouts = self.engine.rollout(
-            starts=starts,
-            controls=controls,
-            control_row=row,
-            steps=steps,
+            starts,
+            controls,
+            row=row,
             fields=self._fields(each),
-            forces=self._forces(each, hidden, began, first),
-            columns=None if measures else self._sensors,
-            states=keep_states,
-            actuator_forces=any(own.effect.reads_actuators for own in self._placed),
-            substeps=self.substeps,
+            forces=self._forces(each, hidden, drives),
+            keep=Keep(
+                columns=None if measures else self._sensors,
+                states=keep_states,
+                actuator_forces=any(own.effect.reads_actuators for own in self._placed),
+            ),
         )
         if not measures:
             return rollouts
@@ -452,13 +443,15 @@ class Simulator:
             own.effect.write(fields, each[:, own.parameters])
         return fields
 
-    def _forces(
-        self, each: np.ndarray, hidden: np.ndarray, began: np.ndarray, first: np.ndarray | None
-    ) -> list[Force]:
+    def _forces(self, each: np.ndarray, hidden: np.ndarray, drives: _Drives) -> list[Force]:
         timestep = self.task.timestep / self.substeps
         forces = [
             own.effect.force(
-                each[:, own.parameters], timestep, states=hidden[:, own.states], began=began, first=first
+                each[:, own.parameters],
+                timestep,
+                states=hidden[:, own.states],
+                began=drives.began,
+                first=drives.first,
             )
             for own in sorted(self._placed, key=lambda own: own.effect.reads_acceleration)
         ]
@@ -474,19 +467,13 @@ class Simulator:
         return sum((own.effect.drift(each[:, own.parameters], elapsed) for own in self._placed), none)
 
     def _drive(
-        self,
-        drives: _Drives,
-        steps: int,
-        each: np.ndarray,
-        begun: Begun,
-        elapsed: np.ndarray,
-        first: np.ndarray | None,
+        self, drives: _Drives, each: np.ndarray, begun: Begun, elapsed: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Controls (simulation or row, steps, nu) as the actuators receive them, and which of them are whose."""
         acting = [
             (own.effect, each[:, own.parameters]) for own in self._placed if own.effect.place == "control"
         ]
-        tapes, lead = drives.tapes, drives.tapes.lead
+        tapes, lead, steps = drives.tapes, drives.tapes.lead, drives.steps
         used, row = np.unique(drives.row, return_inverse=True)
         if not acting and not begun.drift.any() and steps <= tapes.stop:
             return self.task.controls(tapes.inputs(used, 0, steps)), row
@@ -503,7 +490,7 @@ class Simulator:
         unknown = at < lead - drives.known[:, None]
         controls += unknown[..., None] * self._before(begun.hidden)[:, None]
         for effect, values in acting:
-            controls = effect.drive(controls, values, self.task.timestep, elapsed=since, first=first)
+            controls = effect.drive(controls, values, self.task.timestep, elapsed=since, first=drives.first)
         return controls[:, past:], np.arange(len(each))
 
     def _before(self, hidden: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from capture_cli.common.extras import require
 from capture_cli.context.observation_noise import standard_deviations
 from capture_cli.errors import FitError, OptionError, did_you_mean
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.samples import Samples
 from capture_cli.log.windows import cut
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.options.base import takes_options
@@ -188,16 +189,9 @@ def _simulate(simulator: Simulator, driven: Drive, point: np.ndarray) -> np.ndar
     """Outputs (step, output) at the task's and the effects' parameters `point`. Raises FitError where one diverges."""
     machine = simulator.task
     episodes = [slice(a, b) for a, b in zip([0, *driven.ends[:-1]], driven.ends, strict=True)]
-    windows = cut(
-        time=driven.time - driven.time[0],  # the inputs may be those of a log
-        inputs=driven.inputs,
-        outputs=np.zeros((len(driven.time), len(machine.outputs))),
-        episodes=episodes,
-        timestep=machine.timestep,
-        duration=None,
-        linear=machine.linear,
-        has_gaps=False,
-    )
+    time = driven.time - driven.time[0]  # the inputs may be those of a log
+    samples = Samples(time, np.zeros((len(time), len(machine.outputs))), episodes, driven.inputs)
+    windows = cut(samples, None, machine.timestep, machine.linear, has_gaps=False)
     try:
         starts = replace(driven.starts, time=windows.time)
         # an action says where the machine is when the log begins

@@ -14,7 +14,7 @@ from capture_cli.estimate.initial_states.nominal_motion import nominal_motion
 from capture_cli.estimate.log_windows import clock
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
-from capture_cli.log.input_sequences import inputs_at
+from capture_cli.log.input_sequences import LoggedInputs
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import Windows
 from capture_cli.model.model_hash import is_of_another
@@ -163,6 +163,7 @@ def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
     grid = task.timestep * np.arange(round(lasts / task.timestep) + 1)
     inputs, outputs, whole = [], [], []
     clocked, episodes = clock(log), log.episodes
+    logged = LoggedInputs(clocked, log.inputs, task.timestep, task.linear)
     before, until = -1, -np.inf  # episode and end of the tape before
     for w, (episode, start, stop) in enumerate(
         zip(windows.episode, windows.time, _stops(windows), strict=True)
@@ -175,7 +176,7 @@ def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
         if episode == before and start < until - SETTINGS.overlap * lasts:
             continue
         before, until = episode, ends
-        inputs.append(inputs_at(start + grid, time, log.inputs[steps], task.timestep, task.linear))
+        inputs.append(logged.part(steps).at(start + grid))
         outputs.append(_at(start + point_times, clocked[read], log.outputs[read]))
         whole.append(w)
     if not whole:

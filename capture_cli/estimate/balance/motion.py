@@ -139,7 +139,7 @@ class SmoothedLog:
                 for derivative in range(2):
                     numbers[:, derivative, column] = series[n].at(log.time[part], derivative)
             qpos[part], qvel[part], _ = self.states(numbers, np.arange(part.start, part.stop))
-        return resting(self.task, log.time, log.inputs, log.episodes, qpos, qvel, shown)
+        return resting(self.task, log.samples, qpos, qvel, shown)
 
     @property
     def dofs(self) -> np.ndarray:

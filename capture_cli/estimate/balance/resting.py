@@ -6,13 +6,13 @@ and the model moves what is not. Only where that rests is it known: what moves d
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from mujoco import batch
 
+from capture_cli.log.samples import Samples
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.mujoco_warnings import silence_mujoco
 from capture_cli.model.tasks.base import Task
@@ -40,27 +40,16 @@ class Resting:
     rests: np.ndarray
 
 
-def resting(
-    task: Task,
-    time: np.ndarray,
-    inputs: np.ndarray,
-    episodes: Sequence[slice],
-    qpos: np.ndarray,
-    qvel: np.ndarray,
-    shown: np.ndarray,
-) -> Resting:
-    """Of a log's time (step,), inputs (step, input), and episodes. qpos (step, nq), qvel (step, nv): as measured, of
-    the coordinates that are `shown` (nv,).
-    """
-    model = task.model
+def resting(task: Task, log: Samples, qpos: np.ndarray, qvel: np.ndarray, shown: np.ndarray) -> Resting:
+    """Of a log. qpos (step, nq), qvel (step, nv): as measured, of the coordinates that are `shown` (nv,)."""
+    model, time, episodes = task.model, log.time, log.episodes
     at = model.jnt_qposadr[model.dof_jntid[~shown]]
     if not at.size:
         return Resting(qpos, np.ones(len(time), dtype=bool))
     silence_mujoco()
     qpos = qpos.copy()
     energy, known = np.zeros(len(time)), np.zeros(len(time))
-    controls = task.controls(inputs[None])[0]
-    paths = _carried(task, time, controls, qpos, qvel, episodes, shown, at)
+    paths = _carried(task, log, qpos, qvel, shown, at)
     for steps, path in zip(episodes, paths, strict=True):
         qpos[steps, at] = path.positions
         own, others = _mean_velocity(time[steps], path.positions), qvel[steps][:, shown]
@@ -86,9 +75,10 @@ class _Path:
     inertia: np.ndarray
 
 
-def _carried(task, time, controls, qpos, qvel, episodes, shown, at) -> list[_Path]:
+def _carried(task: Task, log: Samples, qpos, qvel, shown, at) -> list[_Path]:
     """The nominal model through all episodes side by side, set to what is measured at every sample."""
-    model = task.model
+    model, time, episodes = task.model, log.time, log.episodes
+    controls = task.controls(log.inputs[None])[0]
     shown_at = model.jnt_qposadr[model.dof_jntid[shown]]
     longest = max(e.stop - e.start for e in episodes)
     index = np.array([np.minimum(np.arange(e.start, e.start + longest), e.stop - 1) for e in episodes])

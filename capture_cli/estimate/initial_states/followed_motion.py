@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.estimate.initial_states.from_outputs import estimate_starts, model_starts
-from capture_cli.estimate.log_windows import clock
+from capture_cli.estimate.initial_states.from_outputs import Places, estimate_starts, model_starts
+from capture_cli.estimate.log_windows import clock, clocked
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import Windows
 from capture_cli.model.coordinate_sources import measured_states
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import Task
-from capture_cli.simulate.engine import Engine, Rollouts
+from capture_cli.simulate.engine import Engine, Keep, Rollouts
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,8 @@ def followed_motion(
     read = estimate_starts(
         model,
         data,
-        time=clock(log),
-        outputs=log.values,
-        episodes=log.episodes,
-        window_first=first.ravel(),
-        window_episode=np.repeat(whole.episode, first.shape[1]),
-        noise_sd=noise_sd,
-        sampled=log.sampled,
+        Places(clocked(log), first.ravel(), np.repeat(whole.episode, first.shape[1])),
+        noise_sd,
     ).starts
     controls = task.controls(whole.controls)
     count, steps = len(whole), int(whole.grid_steps.max())
@@ -67,11 +62,7 @@ def followed_motion(
         run = int((end - begin).max())
         ahead = np.minimum(begin[:, None] + np.arange(run + 1), steps - 1)
         found = engine.rollout(
-            starts=states,
-            controls=controls[number[:, None], ahead],
-            steps=run + 1,
-            fields=fields,
-            states=True,
+            states, controls[number[:, None], ahead], fields=fields, keep=Keep(states=True)
         )
         diverged |= found.diverged
         reached = (found.qpos, found.qvel, found.act)

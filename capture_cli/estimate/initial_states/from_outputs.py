@@ -20,6 +20,7 @@ from capture_cli.estimate.initial_states.rotations import rotations, turned
 from capture_cli.log.range_ends import piled_up_from
 from capture_cli.log.reported_motion import SETTINGS as REPORTED_MOTION
 from capture_cli.log.reported_motion import ReportedMotion, extended
+from capture_cli.log.samples import Samples
 from capture_cli.model.coordinate_sources import Source, sources_of
 from capture_cli.model.loop_closure import LoopClosure, MeasuredPositions
 from capture_cli.model.states import Starts
@@ -61,13 +62,10 @@ class StartEstimate:
 
 
 @dataclass(frozen=True)
-class _Places:
-    """Where windows start in a log: time (step,) s; the steps of its episodes; of each window its first step and its
-    episode, (window,).
-    """
+class Places:
+    """Where windows begin in a log: of each its first step and its episode, (window,)."""
 
-    time: np.ndarray
-    episodes: Sequence[slice]
+    log: Samples
     first: np.ndarray
     episode: np.ndarray
 
@@ -80,50 +78,42 @@ class _Outputs:
     sampled: np.ndarray
     noise_sd: np.ndarray
 
-    def between_samples(self, places: _Places) -> np.ndarray:
+    def between_samples(self, log: Samples) -> np.ndarray:
         """The values with straight lines between samples: near enough to follow a loop by."""
         if self.sampled.all():
             return self.values
         values = self.values.copy()
-        for steps in places.episodes:
+        for steps in log.episodes:
             for k in np.flatnonzero(~self.sampled[steps].all(axis=0)):
                 own = steps.start + np.flatnonzero(self.sampled[steps, k])
-                values[steps, k] = np.interp(places.time[steps], places.time[own], values[own, k])
+                values[steps, k] = np.interp(log.time[steps], log.time[own], values[own, k])
         return values
 
 
 def estimate_starts(
     model: mujoco.MjModel,
     data: Sequence[int],
-    *,
-    time: np.ndarray,
-    outputs: np.ndarray,
-    episodes: Sequence[slice],
-    window_first: np.ndarray,
-    window_episode: np.ndarray,
+    places: Places,
     noise_sd: np.ndarray,
-    sampled: np.ndarray | None = None,
+    *,
     unmeasured: StartEstimate | None = None,
     slack: np.ndarray | None = None,
 ) -> StartEstimate:
     """Initial state of every window.
 
     data (output,): which number of sensordata each output is; -1 of one that is not to be believed.
-    time (step,), outputs (step, output), noise_sd (output,). window_first, window_episode (window,). sampled (step,
-    output): where there are samples, of which all values of a sensor have them or none; everywhere where None.
+    noise_sd (output,). All values of a sensor have a sample in a step, or none.
     unmeasured: what is believed of coordinates that no output measures; the model's own start, fixed, where None.
     slack: how far equality constraints give way, as for LoopClosure.
     """
-    count, nv = len(window_first), model.nv
+    count, nv, sampled = len(places.first), model.nv, places.log.sampled
     believed = unmeasured or model_starts(model, count)
     qpos, qvel, act = (a.copy() for a in (believed.starts.qpos, believed.starts.qvel, believed.starts.act))
     sd = believed.sd.copy()
-    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
-    measured = _Outputs(outputs, sampled, noise_sd)
+    measured = _Outputs(places.log.outputs, sampled, noise_sd)
     # of two that give a coordinate the last has the say: one that is not sparse
     sources = sorted(sources_of(model, data), key=lambda s: bool(sampled[:, list(s.columns)].all()))
     lag = _velocity_lag(model)
-    places = _Places(np.asarray(time), episodes, window_first, window_episode)
     knots = _Knots.of(places, merged=not sampled.all(axis=0).any())
     path = np.zeros((count, knots.count, 3, model.nsensordata))
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
@@ -152,7 +142,7 @@ def estimate_starts(
             velocity[:, new],
             SETTINGS.prior_inflation * velocity_sd[:, new],
         )
-    starts = Starts(qpos, qvel, act, places.time[window_first].astype(float))
+    starts = Starts(qpos, qvel, act, places.log.time[places.first].astype(float))
     open_loops: Mapping[str, float] = {}
     if model.neq:
         starts, sd, open_loops = _closed(LoopClosure(model, slack), starts, sd, sources, measured, places)
@@ -206,7 +196,7 @@ def _closed(
     sd: np.ndarray,
     sources: Sequence[Source],
     measured: _Outputs,
-    places: _Places,
+    places: Places,
 ) -> tuple[Starts, np.ndarray, Mapping[str, float]]:
     """Starts and their sd (window, state) that satisfy the model's equality constraints, and those that outputs
     contradict.
@@ -215,16 +205,16 @@ def _closed(
     qpos, dofs = (
         np.array([i for s in positions for i in getattr(s, n)], dtype=int) for n in ("qpos", "dofs")
     )
-    outputs = measured.between_samples(places)
+    outputs = measured.between_samples(places.log)
     coordinates = np.hstack([outputs[:, :0], *(s.of(outputs[:, list(s.columns)]) for s in positions)])
     known = np.concatenate([s.noise(measured.noise_sd) for s in positions] or [np.zeros(0)])
     begin = model_starts(loops.model, 1).starts.qpos[0]
     followed = np.zeros_like(starts.qpos)
-    for number, steps in enumerate(places.episodes):
+    for number, steps in enumerate(places.log.episodes):
         own = places.episode == number
         at = places.first[own] - steps.start
         logged = MeasuredPositions(coordinates[steps], qpos, dofs, known)
-        followed[own] = loops.follow(places.time[steps], logged, begin, at)
+        followed[own] = loops.follow(places.log.time[steps], logged, begin, at)
     at_starts = MeasuredPositions(coordinates[places.first], qpos, dofs, known)
     open_loops = loops.left_open(followed, at_starts)
     return *loops.close(starts, sd, followed), open_loops
@@ -261,9 +251,9 @@ class _Knots:
         return Neighbours.of(self.time, self.at, self.first, self.stop, np.flatnonzero(sampled))
 
     @classmethod
-    def of(cls, places: _Places, *, merged: bool) -> _Knots:
+    def of(cls, places: Places, *, merged: bool) -> _Knots:
         """merged: whether steps are those of several sensors, and may be next to each other."""
-        time, episodes, window_first = places.time, places.episodes, places.first
+        time, episodes, window_first = places.log.time, places.log.episodes, places.first
         steps = np.concatenate([np.diff(time[e]) for e in episodes])
         interval = float(np.mean(steps) if merged else np.median(steps))
         stride = max(1, round(REPORTED_MOTION.knot_interval / interval))

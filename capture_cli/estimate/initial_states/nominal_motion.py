@@ -8,36 +8,19 @@ from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import Task
-from capture_cli.simulate.engine import Engine, Rollouts
+from capture_cli.simulate.engine import Engine, Keep, Rollouts
 
 
-def nominal_motion(
-    task: Task, controls: np.ndarray, *, steps: int | None = None, threads: int | None = None
-) -> Rollouts:
-    """Rollouts, with states, of `steps` steps (all where None) under controls (episode, grid, nu), from the start that
-    the model gives.
-    """
+def nominal_motion(task: Task, controls: np.ndarray, *, threads: int | None = None) -> Rollouts:
+    """Rollouts, with states, under controls (episode, grid, nu), from the start that the model gives."""
     starts = model_starts(task.model, len(controls)).starts
-    return motion_at(task, task.space.nominal, starts, controls, steps=steps, threads=threads)
+    return motion_at(task, task.space.nominal, starts, controls, threads=threads)
 
 
 def motion_at(
-    task: Task,
-    point: np.ndarray,
-    starts: Starts,
-    controls: np.ndarray,
-    *,
-    steps: int | None = None,
-    threads: int | None = None,
+    task: Task, point: np.ndarray, starts: Starts, controls: np.ndarray, *, threads: int | None = None
 ) -> Rollouts:
     """Likewise at parameters `point` (parameter,), from `starts` (episode,)."""
-    count = len(controls)
-    fields = ModelFields(task.model, count)
-    task.write(fields, np.repeat(point[None], count, axis=0))
-    return Engine(task.model, threads).rollout(
-        starts=starts,
-        controls=controls,
-        steps=controls.shape[1] if steps is None else steps,
-        fields=fields,
-        states=True,
-    )
+    fields = ModelFields(task.model, len(controls))
+    task.write(fields, np.repeat(point[None], len(controls), axis=0))
+    return Engine(task.model, threads).rollout(starts, controls, fields=fields, keep=Keep(states=True))

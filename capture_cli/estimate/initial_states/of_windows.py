@@ -11,6 +11,7 @@ import numpy as np
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.estimate.initial_states.followed_motion import followed_motion
 from capture_cli.estimate.initial_states.from_outputs import (
+    Places,
     StartEstimate,
     estimate_starts,
     from_episodes,
@@ -18,7 +19,7 @@ from capture_cli.estimate.initial_states.from_outputs import (
     with_known,
 )
 from capture_cli.estimate.initial_states.nominal_motion import nominal_motion
-from capture_cli.estimate.log_windows import clock, cut_log
+from capture_cli.estimate.log_windows import clocked, cut_log
 from capture_cli.estimate.noise.noise_floor import NoiseFloor
 from capture_cli.estimate.prepared_log import PreparedLog, attitudes
 from capture_cli.log.measured_log import MeasuredLog
@@ -29,7 +30,7 @@ from capture_cli.model.loop_closure import SETTINGS as LOOP_CLOSURE
 from capture_cli.model.loop_closure import LoopClosure
 from capture_cli.model.quaternion_signs import aligned
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.simulate.engine import Engine, Rollouts
+from capture_cli.simulate.engine import Engine, Keep, Rollouts
 from capture_cli.simulate.simulator import Simulator
 
 
@@ -65,13 +66,8 @@ def log_starts(
         estimate_starts(
             task.model,
             data,
-            time=clock(log),
-            outputs=log.values,
-            episodes=log.episodes,
-            window_first=windows.first,
-            window_episode=windows.episode,
-            noise_sd=noise.sd,
-            sampled=log.sampled,
+            Places(clocked(log), windows.first, windows.episode),
+            noise.sd,
             unmeasured=unmeasured,
             slack=slack,
         )
@@ -140,10 +136,9 @@ def begins_as_acted(prepared: PreparedLog) -> bool:
     if not acted.any():
         return False
     said = Engine(task.model).rollout(
-        starts=prepared.starts.starts.rows(acted),
-        controls=task.controls(windows.rows(acted).controls),
-        steps=1,
-        columns=np.array([c.index for c in task.outputs]),
+        prepared.starts.starts.rows(acted),
+        task.controls(windows.rows(acted).controls)[:, :1],
+        keep=Keep(columns=np.array([c.index for c in task.outputs])),
     )
     apart = (windows.measured[acted, 0] - said.sensors[:, 0]) / prepared.noise.sd
     return bool(chdtrc(apart.size, np.square(apart).sum()) > SETTINGS.agrees)
@@ -159,8 +154,7 @@ def _of_whole_episodes(
     """
     model, data = task.model, readable(task)
     whole = cut_log(log, task, None)
-    steps = int(whole.grid_steps.max())
-    driven = nominal_motion(task, task.controls(whole.controls), steps=steps, threads=threads)
+    driven = nominal_motion(task, task.controls(whole.controls), threads=threads)
     motions = [driven]
     if not model.neq and unmeasured_joints(model, data) and sources_of(model, data):
         motions.append(followed_motion(log, task, whole, data, noise.sd, threads))

@@ -20,6 +20,7 @@ import numpy as np
 from capture_cli.estimate.noise.repeats import SETTINGS as REPEATS
 from capture_cli.estimate.noise.repeats import SHORTEST, from_repeats, repeats
 from capture_cli.log.quantisation import scatter_of_steps
+from capture_cli.log.samples import Samples
 from capture_cli.log.white_noise import from_differences, trimmed_sd
 
 
@@ -43,23 +44,19 @@ class NoiseFloor:
 
 
 def noise_floor(
-    outputs: np.ndarray,
-    episodes: Sequence[slice],
+    log: Samples,
     declared: Sequence[float | None],
     *,
-    time: np.ndarray,
     driven_by: Sequence[np.ndarray],
     block: int,
     attitudes: Sequence[np.ndarray] = (),
-    sampled: np.ndarray | None = None,
 ) -> NoiseFloor:
-    """Of outputs (step, output); `declared` (output,) are known values, None where there are none.
+    """Of the log's outputs, each by its own samples; `declared` (output,) are known values, None where there are none.
 
-    Each by its own samples: those `sampled` (step, output), or all of them.
-    time (step,) s; driven_by: the inputs or the action of each episode; block: samples over which repeats are compared.
-    attitudes: which outputs make up each quaternion, (4,).
+    driven_by: the inputs or the action of each episode; block: samples over which repeats are compared. attitudes:
+    which outputs make up each quaternion, (4,).
     """
-    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
+    time, outputs, episodes, sampled = log.time, log.outputs, log.episodes, log.sampled
     own = [[s.start + np.flatnonzero(sampled[s, k]) for s in episodes] for k in range(len(declared))]
     series = [[outputs[steps, k] for steps in own[k]] for k in range(len(declared))]
     times = [[time[steps] for steps in own[k]] for k in range(len(declared))]

@@ -14,7 +14,7 @@ from capture_cli.model.effects.base import Effect, raised
 from capture_cli.model.world import World
 
 FORCE, FRICTION, DAMPING = "qfrc_applied", "dof_frictionloss", "dof_damping"
-INERTIA = "inertia"
+INERTIA, LOAD = "inertia", "load_torque"
 # How a companion reads what is no field of MjData at the joint
 _READ = {
     "time": "data.time",
@@ -22,6 +22,7 @@ _READ = {
     DAMPING: f"model.{DAMPING}[dof]",
     FRICTION: f"model.{FRICTION}[dof]",
     INERTIA: "inertia_felt(model, data.qLD, data.qLDiagInv, int(dof[0]))",
+    LOAD: "data.qfrc_spring[dof] + data.qfrc_gravcomp[dof] + data.qfrc_fluid[dof] - data.qfrc_bias[dof]",
 }
 
 
@@ -45,8 +46,9 @@ class JointForce(JointEffect):
     """An effect that adds what `kernel` gives to the joint's force, dry friction or damping, `adds_to`.
 
     The kernel's inputs are named as the fields of MjData that they are, at the joint, or dof_damping, dof_frictionloss,
-    or inertia: what a force on the joint alone has to accelerate. Friction and damping are those of the model, which
-    MuJoCo integrates implicitly, and never fall below zero.
+    inertia: what a force on the joint alone has to accelerate, or load_torque: of springs, the medium, gravity and
+    Coriolis forces. Friction and damping are those of the model, which MuJoCo integrates implicitly, and never fall
+    below zero.
     """
 
     place = "force"
@@ -64,6 +66,10 @@ class JointForce(JointEffect):
             return world.vary(field)[:, self.dof]
         if field == INERTIA:
             return inertia_felt(self.model, world.qLD, world.qLDiagInv, self.dof)
+        if field == LOAD:
+            dof = self.dof
+            passive = world.qfrc_spring[:, dof] + world.qfrc_gravcomp[:, dof] + world.qfrc_fluid[:, dof]
+            return passive - world.qfrc_bias[:, dof]
         at = int(self.model.jnt_qposadr[self.joint]) if field == "qpos" else self.dof
         return getattr(world, field)[:, at]
 

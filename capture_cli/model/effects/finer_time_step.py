@@ -28,3 +28,4 @@ class FinerTimeStep(Effect):
 
     def write(self, fields, values):
         fields["opt.timestep"][...] /= self.substeps
+        fields.substeps *= self.substeps

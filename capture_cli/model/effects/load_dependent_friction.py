@@ -10,10 +10,9 @@ from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 
 
-def load_friction(qfrc_actuator, qfrc_spring, qfrc_gravcomp, qfrc_fluid, qfrc_bias, *, coefficient, load):
+def load_friction(qfrc_actuator, load_torque, *, coefficient, load):
     """Dry friction added: coefficient |motor torque - load * load torque|."""
-    torque = qfrc_spring + qfrc_gravcomp + qfrc_fluid - qfrc_bias
-    return coefficient * np.abs(qfrc_actuator - load * torque)
+    return coefficient * np.abs(qfrc_actuator - load * load_torque)
 
 
 class LoadDependentFriction(JointForce):

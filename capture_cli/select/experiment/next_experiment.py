@@ -12,6 +12,7 @@ import numpy as np
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.log.samples import Samples
 from capture_cli.log.windows import Windows, cut
 from capture_cli.model.tasks.base import Task
 from capture_cli.select.experiment.excitation_range import ExcitationRange, Predicted
@@ -96,16 +97,13 @@ def driven_windows(task: Task, time: np.ndarray, tapes: np.ndarray) -> Windows:
     log.
     """
     count, steps = tapes.shape[:2]
-    windows = cut(
-        time=np.tile(time, count),
-        inputs=np.concatenate(tapes),
-        outputs=np.zeros((count * steps, len(task.outputs))),
-        episodes=[slice(steps * k, steps * (k + 1)) for k in range(count)],
-        timestep=task.timestep,
-        duration=None,
-        linear=task.linear,
+    samples = Samples(
+        np.tile(time, count),
+        np.zeros((count * steps, len(task.outputs))),
+        [slice(steps * k, steps * (k + 1)) for k in range(count)],
+        np.concatenate(tapes),
     )
-    return replace(windows, first=None)
+    return replace(cut(samples, None, task.timestep, task.linear), first=None)
 
 
 def driven_motion(

@@ -120,7 +120,7 @@ def _motion(task: Task, driven: Drive, known: Known, threads: int | None) -> tup
     """Whole episodes, in which nothing was measured, and how the machine moves through them at the estimate."""
     whole = cut_log(_log(task, driven, np.zeros((len(driven.time), len(task.outputs)))), task, None)
     controls = task.controls(whole.controls)
-    return whole, motion_at(task, known.point, driven.starts, controls, steps=whole.grid, threads=threads)
+    return whole, motion_at(task, known.point, driven.starts, controls, threads=threads)
 
 
 def _measured(task: Task, driven: Drive, outputs: np.ndarray, known: Known) -> MeasuredLog:

@@ -1,0 +1,30 @@
+"""The numbers of a log: what is cut into windows, and what initial states and noise are read off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Samples:
+    """SI units. time (step,); outputs (step, output); episodes: the steps of each; inputs (step, input): none by
+    default.
+
+    sampled (step, output): where outputs have a sample, by default everywhere.
+    """
+
+    time: np.ndarray
+    outputs: np.ndarray
+    episodes: Sequence[slice]
+    inputs: Any = None
+    sampled: Any = None
+
+    def __post_init__(self):
+        if self.inputs is None:
+            object.__setattr__(self, "inputs", np.zeros((len(self.time), 0)))
+        if self.sampled is None:
+            object.__setattr__(self, "sampled", np.ones(self.outputs.shape, dtype=bool))
