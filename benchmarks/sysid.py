@@ -31,6 +31,7 @@ from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Evidence, Trial, run
 from capture_cli.estimate.solve.least_squares import LeastSquares
+from capture_cli.estimate.split import NewSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
 from capture_cli.simulate.simulator import Simulator
@@ -101,7 +102,7 @@ def _emps() -> tuple[PreparedLog, str]:
             )
             source = "recorded from a model of the machine"
         log = MeasuredLog.read(path)
-    prepared = prepare(log, task, window=0.5, test="none", seed=0)
+    prepared = prepare(log, task, window=0.5, split=NewSplit("none"))
     return prepared.part(np.arange(WINDOWS)), source
 
 

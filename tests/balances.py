@@ -46,7 +46,7 @@ class Made:
     @cached_property
     def prepared(self) -> PreparedLog:
         log = self.experiment.log(self.experiment.outputs(self.planted))
-        return prepare(log, self.experiment.task, window=None, test=None, seed=0)
+        return prepare(log, self.experiment.task)
 
     @cached_property
     def smoothed(self) -> SmoothedLog:

@@ -9,6 +9,7 @@ import pytest
 
 from capture_cli.common.progress import Progress
 from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.split import NewSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
 from capture_cli.select.candidates import Candidate, all_candidates
@@ -18,7 +19,7 @@ from capture_cli.stages.diagnose import diagnose_prepared
 
 def diagnose(log: MeasuredLog, task: Task, seed: int) -> dict[str, Any]:
     """diagnosis.json of `log` with the defaults of `capture diagnose`, on one thread."""
-    prepared = prepare(log, task, window=None, test=None, seed=seed)
+    prepared = prepare(log, task, split=NewSplit(seed=seed))
     progress = Progress("diagnose", "model", quiet=True)
     settings = Settings(seed=seed, threads=1)
     return diagnose_prepared(prepared, task.space.nominal, settings, progress).document

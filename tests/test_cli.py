@@ -116,7 +116,7 @@ def assert_reproduces(model: Path, estimate: Path, log: Path) -> None:
     bare = model.with_name("task.toml")
     bare.write_text(text[: text.index("[parameters")] + text[text.index("[inputs") :])
     task = load_task(str(bare))
-    prepared = prepare(MeasuredLog.read(log), task, window=None, test=None, seed=0)
+    prepared = prepare(MeasuredLog.read(log), task)
     offsets = found.arrays["window/start_offset"][None]
     simulated = Simulator(task).simulate(prepared.windows, prepared.starts.starts, np.zeros((1, 0)), offsets)
     np.testing.assert_allclose(

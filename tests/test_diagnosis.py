@@ -32,7 +32,7 @@ from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.solve.base import Best
 from capture_cli.estimate.solve.intervals import intervals
 from capture_cli.estimate.solve.linearization import Evidence, Linearization
-from capture_cli.estimate.split import UNEQUAL, split_windows
+from capture_cli.estimate.split import UNEQUAL, Divided, NewSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.samples import Samples
 from capture_cli.log.white_noise import from_differences, trimmed_sd
@@ -286,11 +286,12 @@ def split_of(windows: Sequence[int], recordings: int | None = None, seed: int = 
     episode = np.repeat(np.arange(len(windows)), windows)
     log = {
         "samples": np.full(len(episode), 50),
-        "duration": 10.0,
         "recording": np.arange(len(windows)) % recordings,
-        "recording_names": [f"run {i}" for i in range(recordings)],
+        "names": [f"run {i}" for i in range(recordings)],
+        "longest": 10.0,
     }
-    return split_windows(episode=episode, **{**log, **options}, test=None, seed=seed)
+    first = 50 * np.arange(len(episode))
+    return NewSplit(seed=seed).of(Divided(first=first, episode=episode, **{**log, **options}))
 
 
 def test_two_episodes_hold_out_the_last():
@@ -327,7 +328,7 @@ def test_the_last_of_few_episodes_is_called_that_where_others_have_no_windows(wi
 def test_of_a_log_that_is_one_window_long_a_shorter_window_is_named():
     def refused(duration: float, samples: int) -> str:
         with pytest.raises(LogError, match=f"the log, {duration:g} s, is one window long") as error:
-            split_of([1], samples=np.array([samples]), duration=duration)
+            split_of([1], samples=np.array([samples]), longest=duration)
         return error.value.cure
 
     assert refused(0.59, 60).startswith(
@@ -353,17 +354,12 @@ def test_of_a_single_episode_the_last_windows_are_held_out(windows, held):
 
 @pytest.mark.parametrize("test", ["", ",", " , "])
 def test_holding_out_nothing_has_to_be_said(test):
-    windows = {
-        "episode": np.array([0, 0, 1, 1]),
-        "samples": np.full(4, 50),
-        "duration": 2.0,
-        "recording": np.array([0, 1]),
-        "recording_names": ["a", "b"],
-    }
+    each = np.array([0, 0, 1, 1])
+    log = Divided(50 * np.arange(4), np.full(4, 50), each, np.array([0, 1]), ["a", "b"], longest=2.0)
     with pytest.raises(OptionError, match="names no recording") as error:
-        split_windows(**windows, test=test, seed=0)
+        NewSplit(test).of(log)
     assert "--test none" in error.value.cure
-    assert not split_windows(**windows, test="none", seed=0).is_test.any()
+    assert not NewSplit("none").of(log).is_test.any()
 
 
 @pytest.mark.parametrize("blocks", [3, 4, 16])
@@ -494,7 +490,7 @@ def test_what_cannot_show_in_a_log_is_no_candidate(logs, tmp_path):
     log = replace(MeasuredLog.read(logs["plain"]), path=None)
     log = replace(log, inputs=np.abs(log.inputs))
     task = load_task(str(folder / "task.toml"))
-    candidates = all_candidates(prepare(log, task, window=None, test=None, seed=0))
+    candidates = all_candidates(prepare(log, task))
     names = {c.name for c in candidates}
     assert "sensor-delay@q" in names and "sensor-delay@speed" not in names
     assert "control-gain@drive" in names and "control-reverse-gain@drive" not in names
@@ -574,7 +570,7 @@ def test_what_arises_in_contact_is_found_there(tmp_path):
         start_velocity={"x": (0.8, 1.0), "y": (-0.5, 0.5)},
         seed=1,
     ).log
-    prepared = prepare(log, task, window=None, test="none", seed=0)
+    prepared = prepare(log, task, split=NewSplit("none"))
     fits = ModelFits(prepared, 1)
     as_measured = Best(task.space.nominal, np.zeros_like(prepared.starts.sd), error=0.0)
     fit = fits.at(prepared, [], as_measured)
@@ -614,7 +610,7 @@ def test_what_two_bodies_do_to_each_other_is_found_in_their_distance(tmp_path):
         rate=200,
         seed=1,
     ).log
-    prepared = prepare(log, task, window=None, test="none", seed=0)
+    prepared = prepare(log, task, split=NewSplit("none"))
     fits = ModelFits(prepared, 1)
     fit = fits.at(prepared, [], Best(task.space.nominal, np.zeros_like(prepared.starts.sd), error=0.0))
     whole = PartFit.of(fit.at)
@@ -774,7 +770,7 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
     )
     arm = load_task(task)
     log = MeasuredLog.read(tmp_path / "arm.zarr")
-    prepared = prepare(log, arm, window=None, test=None, seed=0)
+    prepared = prepare(log, arm)
     (tmp_path / "steps").mkdir()
 
     def found(most_effects: int) -> dict:

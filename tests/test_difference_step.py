@@ -71,7 +71,7 @@ def log(tmp_path_factory) -> Path:
 
 
 def prepared(log: Path, task: Path):
-    return prepare(MeasuredLog.read(log), load_task(str(task)), window=None, test=None, seed=0)
+    return prepare(MeasuredLog.read(log), load_task(str(task)))
 
 
 def test_a_box_that_rocks_on_a_tray_needs_long_differences(log, tmp_path):

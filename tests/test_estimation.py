@@ -24,7 +24,7 @@ def prepared(slider_task, tmp_path) -> PreparedLog:
     made = record(
         task=str(slider_task), out=tmp_path / "log.zarr", parameters={"mass": 2.0, "damping": 3.0}, **options
     )
-    return prepare(made.log, load_task(str(slider_task)), window=None, test=None, seed=0)
+    return prepare(made.log, load_task(str(slider_task)))
 
 
 def found_in(prepared: PreparedLog, offsets: np.ndarray | None = None, rounds: int = 50):
@@ -127,7 +127,7 @@ def test_what_does_not_show_at_the_nominal_value_is_looked_for_where_it_does(tmp
 
     reach = float(driven(0.05).values.max())
     wall = 0.9 - 0.95 * reach
-    ready = prepare(driven(wall), load_task(task), window=None, test=None, seed=0)
+    ready = prepare(driven(wall), load_task(task))
     found = found_in(ready)
     assert found.at.at.unseen.tolist() == [False, True]
     with Progress("identify", "round", quiet=True) as progress:

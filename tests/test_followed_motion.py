@@ -11,6 +11,7 @@ import pytest
 from capture_cli.estimate.initial_states import of_windows as log_starts
 from capture_cli.estimate.initial_states.nominal_motion import nominal_motion
 from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.split import NewSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.coordinate_sources import measured_states
 from capture_cli.model.tasks import load_task
@@ -67,7 +68,7 @@ def balanced(tmp_path_factory):
 
 def test_what_is_not_measured_is_carried_along_with_what_is(balanced):
     task, log, states = balanced
-    prepared = prepare(log, task, window=None, test="none", seed=0)
+    prepared = prepare(log, task, split=NewSplit("none"))
     starts, true = prepared.starts.starts, states[prepared.windows.first]
     assert np.abs(states[:, 0]).max() > 0.3
     assert np.abs(starts.qpos[:, 0] - true[:, 0]).max() < 0.1
@@ -93,14 +94,14 @@ def test_a_simulation_by_the_inputs_alone_falls_over(balanced, monkeypatch):
 
     task, log, states = balanced
     monkeypatch.setattr(log_starts, "followed_motion", by_inputs_alone)
-    prepared = prepare(log, task, window=None, test="none", seed=0)
+    prepared = prepare(log, task, split=NewSplit("none"))
     assert np.abs(prepared.starts.starts.qvel[:, 0] - states[prepared.windows.first, 2]).max() > 0.25
 
 
 def test_the_way_that_comes_nearest_to_the_log_is_taken(balanced, monkeypatch):
     """Set anew, bodies may be thrown about by what they touch: then the simulation by the inputs alone stands."""
     task, log, _ = balanced
-    good = prepare(log, task, window=None, test="none", seed=0).starts.starts
+    good = prepare(log, task, split=NewSplit("none")).starts.starts
     real = log_starts.followed_motion
 
     def thrown(*given):
@@ -111,7 +112,7 @@ def test_the_way_that_comes_nearest_to_the_log_is_taken(balanced, monkeypatch):
     monkeypatch.setattr(log_starts, "nominal_motion", lambda *_, **__: real(log, task, *followed_with))
     followed_with = (log_starts.cut_log(log, task, None), [0], np.array([1e-4]), 1)
     monkeypatch.setattr(log_starts, "followed_motion", thrown)
-    found = prepare(log, task, window=None, test="none", seed=0).starts.starts
+    found = prepare(log, task, split=NewSplit("none")).starts.starts
     assert np.abs(found.qvel - good.qvel).max() < 0.01
 
 

@@ -24,7 +24,7 @@ from capture_cli.context.checkpoints import policy_checkpoint
 from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy, save_policy
 from capture_cli.context.histories import history_recipe
-from capture_cli.context.histories.action_library import sequence_task
+from capture_cli.context.histories.action_library import LogWindows, Multisines, sequence_task
 from capture_cli.context.histories.history_recipe import Recipe
 from capture_cli.context.histories.moving_parameters import check_parameters_move_trajectories
 from capture_cli.context.policies.base import Policy
@@ -39,8 +39,8 @@ from capture_cli.stages.record import record
 from capture_cli.store.histories import DATA, Histories, HistoriesWriter
 from capture_cli.store.output import sha256, unfinished
 
-TAPES = {"points": 5, "window": 0.1, "amplitude": {"drive": 3.0}}
-SMALL = {"pairs": 40, "rounds": 4, "shard_pairs": 16, **TAPES}
+DRIVEN = {"drive": 3.0}
+SMALL = {"pairs": 40, "rounds": 4, "shard_pairs": 16, "points": 5, "window": 0.1, "amplitude": DRIVEN}
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def generate(slider_task, tmp_path):
 @pytest.fixture
 def slider(slider_task):
     """The slider as a task of actions, as `generate` makes it."""
-    return sequence_task(load_task(str(slider_task)), **TAPES)
+    return sequence_task(load_task(str(slider_task)), Multisines(DRIVEN), points=5, window=0.1)
 
 
 def recipe(task, **options) -> Recipe:
@@ -117,7 +117,7 @@ def test_a_log_gives_the_actions(slider_task, tmp_path, generate):
     record(
         task=str(slider_task), out=tmp_path / "log.zarr", amplitude={"drive": 3.0}, duration=5.0, noise=1e-4
     )
-    task = sequence_task(load_task(str(slider_task)), inputs_from=tmp_path / "log.zarr", points=11)
+    task = sequence_task(load_task(str(slider_task)), LogWindows(tmp_path / "log.zarr"), points=11)
     log = MeasuredLog.read(tmp_path / "log.zarr")
     assert len(task.library) >= 9
     first = task.library[:1]
@@ -153,7 +153,7 @@ def test_bytes_do_not_depend_on_threads_order_or_process(generate, slider_task, 
 
 
 def make_shard(slider_task, writer: HistoriesWriter, shard: int) -> None:
-    task = sequence_task(load_task(str(slider_task)), **TAPES)
+    task = sequence_task(load_task(str(slider_task)), Multisines(DRIVEN), points=5, window=0.1)
     rows = range(40)[16 * shard : 16 * (shard + 1)]
     writer.write(shard, recipe(task).make(rows, threads=1))
 
@@ -499,7 +499,7 @@ def test_a_parameter_that_few_actions_show_is_learned(slider_task):
     model.write_text(model.read_text().replace("<worldbody>", f"<worldbody>{wall}"))
     text = slider_task.read_text().replace("joint:x:damping", "geom:wall:solref_timeconst")
     slider_task.write_text(text.replace("low = 0.0\nhigh = 8.0", "low = 0.005\nhigh = 0.05"))
-    task = sequence_task(load_task(str(slider_task)), **TAPES)
+    task = sequence_task(load_task(str(slider_task)), Multisines(DRIVEN), points=5, window=0.1)
     task.library = np.repeat(task.library[:1], 1000, axis=0)
     with pytest.raises(FitError, match="damping moves no output"):
         check_parameters_move_trajectories(task, seed=0, threads=1)

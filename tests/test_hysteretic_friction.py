@@ -44,7 +44,7 @@ def prepared_log(folder: Path, *effects: str) -> tuple[PreparedLog, np.ndarray]:
     truth = json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
     values = np.array([*truth["parameters"].values(), *truth["effects"].values()])
     log = MeasuredLog.read(folder / "log.zarr")
-    return prepare(log, load_task(str(SLIDER)), window=None, test=None, seed=0), values
+    return prepare(log, load_task(str(SLIDER))), values
 
 
 def candidate(prepared: PreparedLog):

@@ -22,7 +22,7 @@ ASKED = (
     "control-delay",
     "control-gain",
 )
-QUIET = {"window": None, "test": None, "seed": 0, "threads": 1}
+QUIET = {"threads": 1}
 
 
 @pytest.mark.parametrize("machine", ["slider", "cart_pole"])

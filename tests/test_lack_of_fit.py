@@ -83,10 +83,9 @@ def test_an_output_that_never_changes_is_refused(tmp_path, always):
     log.outputs[:, 1] = (
         always  # the mean of many numbers that are not sums of powers of two is not quite them
     )
-    options = {"window": None, "test": None, "seed": 0}
     with pytest.raises(LogError, match=f"output 'q2' never changes: always {always:.6g} rad") as error:
-        prepare(log, task, **options)
+        prepare(log, task)
     assert "noise_sd" in error.value.cure
     known = [replace(c, noise_sd=1e-3) if c.name == "q2" else c for c in task.outputs]
     task.outputs = known
-    assert prepare(log, task, **options).noise.sd[1] == 1e-3
+    assert prepare(log, task).noise.sd[1] == 1e-3

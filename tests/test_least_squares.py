@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from capture_cli.estimate.solve.base import run
-from capture_cli.estimate.solve.least_squares import LeastSquares
+from capture_cli.estimate.solve.least_squares import GiveUp, LeastSquares
 from capture_cli.estimate.solve.linearization import Evidence, Trial
 from capture_cli.model.parameters import Parameter, ParameterSpace
 
@@ -31,7 +31,7 @@ def creeping(to_beat: float) -> tuple[LeastSquares, int]:
         outputs = np.tile((5.0 * inward * moved - left)[:, None, None, None], (1, 1, 9, 1))
         return outputs, np.zeros((len(trial), 1), dtype=bool)
 
-    solver = LeastSquares(evidence, start=space.nominal, starts=1, rounds=ROUNDS, to_beat=to_beat)
+    solver = LeastSquares(evidence, start=space.nominal, starts=1, rounds=ROUNDS, give_up=GiveUp(to_beat))
     run(solver, evaluate)
     return solver, told
 

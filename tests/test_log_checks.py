@@ -49,7 +49,7 @@ def driven(folder, *, bump: float):
     np.savetxt(folder / "log.csv", table, delimiter=",", header="t,u,x", comments="")
     task, out = str(folder / "task.toml"), folder / "log.zarr"
     log = import_log(files=[folder / "log.csv"], task=task, out=out)
-    return prepare(log, load_task(task), window=None, test=None, seed=0)
+    return prepare(log, load_task(task))
 
 
 def test_what_shows_in_one_window_alone_moves_outputs(tmp_path):

@@ -55,7 +55,7 @@ def logs(tmp_path_factory, tasks) -> dict[str, MeasuredLog]:
 
 
 def misread(log: MeasuredLog, task: str) -> Misread | None:
-    prepared = prepare(log, load_task(task), window=None, test=None, seed=0, threads=1)
+    prepared = prepare(log, load_task(task), threads=1)
     found, _ = misread_channels(prepared, None, 1, lambda done, total: None)
     return found
 
@@ -213,9 +213,6 @@ def test_an_attitude_whose_w_is_last_is_named_before_anything_else(tmp_path):
     prepared = prepare(
         replace(log, outputs=log.outputs[:, [1, 2, 3, 0, 4, 5, 6]]),
         load_task(str(path)),
-        window=None,
-        test=None,
-        seed=0,
         threads=1,
     )
     found, _ = misread_channels(prepared, None, 1, lambda done, total: told.append(done))
@@ -247,7 +244,7 @@ def simulated(monkeypatch) -> list[int]:
 
 
 def test_what_was_simulated_to_see_it_is_counted(tasks, logs, simulated):
-    prepared = prepare(logs["slider"], load_task(tasks["slider"]), window=None, test=None, seed=0, threads=1)
+    prepared = prepare(logs["slider"], load_task(tasks["slider"]), threads=1)
     simulated.clear()
     _, rollouts = misread_channels(prepared, None, 1, lambda done, total: None)
     assert rollouts == sum(simulated) > 0

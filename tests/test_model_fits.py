@@ -12,7 +12,7 @@ from held_inputs import held_machine
 
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
-from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -59,7 +59,7 @@ def planted(
     truth = json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
     values = np.array([*truth["parameters"].values(), *truth["effects"].values()])
     log = MeasuredLog.read(folder / "log.zarr")
-    return prepare(log, load_task(str(task)), window=None, test=None, seed=0), values
+    return prepare(log, load_task(str(task))), values
 
 
 @pytest.mark.parametrize(("name", "text"), [("compliance", "compliance=0.002"), ("backlash", "width=0.01")])
@@ -105,7 +105,7 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
     late = replace(
         log, time=log.time[steps], inputs=log.inputs[steps], outputs=log.outputs[steps], episode_ends=ends
     )
-    prepared = prepare(late, prepared.task, window=None, test=None, seed=0)
+    prepared = prepare(late, prepared.task)
     effect = REGISTRY.get(name)(prepared.task.model, site)
     if len(effect.parameters) > 1:
         truth = np.append(truth, [1.0] * (len(prepared.task.space) + len(effect.parameters) - len(truth)))
@@ -132,7 +132,7 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
 def test_what_the_logs_clock_shows_does_not_matter(tmp_path, began=1.7e9):
     prepared, truth = planted(tmp_path, "periodic-disturbance@x.sine=20")
     log = replace(prepared.log, time=prepared.log.time + began)
-    later = prepare(log, prepared.task, window=None, test=None, seed=0)
+    later = prepare(log, prepared.task)
     effect = Placed("periodic-disturbance", REGISTRY.get("periodic-disturbance")(prepared.task.model, "x"))
     fits = [ModelFits(p, 1).fit(p, [effect], truth) for p in (prepared, later)]
     np.testing.assert_allclose(fits[1].at.by_parameter, fits[0].at.by_parameter, rtol=1e-3, atol=0.1)
@@ -166,7 +166,7 @@ def test_a_window_of_a_late_sensor_begins_with_what_it_saw_before(tmp_path, sens
         tmp_path, f"sensor-delay@{sensor}.delay={delay}".replace("@.", "."), machine="cart_pole"
     )
     effect = Placed("sensor-delay", REGISTRY.get("sensor-delay")(prepared.task.model, sensor))
-    fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=FIT.exact)
+    fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, effort=Effort(tolerance=FIT.exact))
     assert fit.error < 1.05
     assert fit.point[-1] == pytest.approx(delay, abs=5e-4)
 
@@ -178,7 +178,7 @@ def test_a_window_of_a_sensor_with_a_clock_of_its_own_reads_what_was_or_comes(tm
     name = "sensor-own-clock"
     prepared, truth = planted(tmp_path, f"{name}@{sensor}.error={error}", machine="cart_pole")
     effect = Placed(name, REGISTRY.get(name)(prepared.task.model, sensor))
-    fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=FIT.exact)
+    fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, effort=Effort(tolerance=FIT.exact))
     assert fit.error < 1.05
     assert fit.point[-1] == pytest.approx(error, abs=2e-4)
 
@@ -187,9 +187,9 @@ def test_a_fit_that_stays_far_above_what_is_asked_of_it_is_given_up(tmp_path):
     prepared, truth = planted(tmp_path, "coulomb-friction@x.friction=6")
     effect = Placed("coulomb-friction", REGISTRY.get("coulomb-friction")(prepared.task.model, "x"))
     fits, start = ModelFits(prepared, 1), truth[: len(prepared.task.space)]
-    assert not fits.fit(prepared, [], start, to_reach=1.1).finished
+    assert not fits.fit(prepared, [], start, effort=Effort(to_reach=1.1)).finished
     assert fits.fit(prepared, [], start).finished
-    assert fits.fit(prepared, [effect], truth, to_reach=1.1).error < 1.1
+    assert fits.fit(prepared, [effect], truth, effort=Effort(to_reach=1.1)).error < 1.1
 
 
 def test_a_model_is_known_by_its_effects_in_the_order_of_its_parameters(tmp_path):
@@ -225,7 +225,7 @@ def test_a_free_number_in_every_window_does_not_make_a_model_the_better_one(tmp_
     fits, windows = ModelFits(prepared, 1), len(prepared.windows)
 
     def fitted_and_judged() -> tuple[Fit, PartFit]:
-        fit = fits.fit(prepared, [effect], truth, tolerance=FIT.exact)
+        fit = fits.fit(prepared, [effect], truth, effort=Effort(tolerance=FIT.exact))
         return fit, fits.on(prepared, fit, tolerance=FIT.exact)
 
     free, judged = fitted_and_judged()
@@ -260,11 +260,13 @@ def test_offsets_of_the_machine_are_carried_to_another_model_and_hidden_ones_are
     effect = REGISTRY.get("compliance")(prepared.task.model, "x")
     fits = ModelFits(prepared, 1)
     size = len(prepared.task.space)
-    declared = fits.fit(prepared, [], truth[:size], tolerance=FIT.exact)
-    rich = fits.fit(prepared, [Placed("compliance", effect)], truth, offsets=declared.offsets, rounds=3)
+    declared = fits.fit(prepared, [], truth[:size], effort=Effort(tolerance=FIT.exact))
+    rich = fits.fit(
+        prepared, [Placed("compliance", effect)], truth, offsets=declared.offsets, effort=Effort(rounds=3)
+    )
     assert rich.offsets.shape[1] == declared.offsets.shape[1] + len(effect.states)
     assert np.abs(rich.offsets[:, -2:]).max() > 0
-    back = fits.fit(prepared, [], truth[:size], offsets=rich.offsets, tolerance=FIT.exact)
+    back = fits.fit(prepared, [], truth[:size], offsets=rich.offsets, effort=Effort(tolerance=FIT.exact))
     assert back.penalised_squares == pytest.approx(declared.penalised_squares, rel=1e-2)
     residuals, diverged = fits.probe(prepared, declared, Placed("compliance", effect), truth[None, size:])
     assert residuals.shape[0] == 1 and not diverged.any()
@@ -274,7 +276,9 @@ def test_where_the_error_is_smooth_a_descent_comes_back(tmp_path):
     prepared, _ = planted(tmp_path, "coulomb-friction@x.friction=0.5")
     fits = ModelFits(prepared, 1)
     effect = Placed("coulomb-friction", REGISTRY.get("coulomb-friction")(prepared.task.model, "x"))
-    fit = fits.fit(prepared, [effect], np.append(prepared.task.space.nominal, 0.3), tolerance=FIT.exact)
+    fit = fits.fit(
+        prepared, [effect], np.append(prepared.task.space.nominal, 0.3), effort=Effort(tolerance=FIT.exact)
+    )
     found = minima(fits, prepared, fit, seed=0)
     assert len(found) == 2
     sd = np.sqrt(np.diag(unit_covariance(fit.at)[0]))

@@ -11,6 +11,7 @@ from machines import machine
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.split import NewSplit
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.placed import Placed
@@ -142,7 +143,7 @@ def logs(tmp_path_factory):
             rate=250,
             seed=3,
         ).log
-        made[name] = prepare(log, load_task(str(SLIDER)), window=None, test="none", seed=0)
+        made[name] = prepare(log, load_task(str(SLIDER)), split=NewSplit("none"))
     return made
 
 

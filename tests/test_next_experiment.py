@@ -41,7 +41,7 @@ def fits(tmp_path) -> ModelFits:
 def fits_of(task: Path, out: Path) -> ModelFits:
     """Fits to a log of the machine of a task.toml."""
     log = record(task=str(task), out=out, noise=5e-4, duration=2.0, rate=100).log
-    return ModelFits(prepare(log, load_task(str(task)), window=None, test=None, seed=0), 1)
+    return ModelFits(prepare(log, load_task(str(task))), 1)
 
 
 def shown_in(fits: ModelFits) -> ExcitationRange:

@@ -14,6 +14,7 @@ from machines import machine
 from capture_cli.common.progress import Progress
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.split import NewSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.effects.base import Recordings, SeenLog
 from capture_cli.model.effects.periodic_disturbance import PeriodicDisturbance
@@ -69,7 +70,7 @@ def ready(logs: Sequence[MeasuredLog], test: str | None = "none", window: float 
     log, task = logs[0], load_task(str(task_in(logs[0].path.parent)))
     for other in logs[1:]:
         log = log.followed_by(other)
-    return prepare(log, task, window=window, test=test, seed=0)
+    return prepare(log, task, window=window, split=NewSplit(test))
 
 
 def diagnosed(prepared: PreparedLog) -> dict:

@@ -15,6 +15,7 @@ from capture_cli.estimate.prediction import SETTINGS as PREDICTION
 from capture_cli.estimate.prediction import PredictingModel, prediction_errors
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.split import NewSplit
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
 from capture_cli.select.candidates import all_candidates
@@ -35,7 +36,7 @@ def prepared(slider_task, tmp_path):
         driven = {"amplitude": {"drive": 5.0}, "parameters": TRUTH, "noise": 1e-6}
         options = {**driven, "episodes": 2, "duration": 1.5, "rate": 250.0, **options}
         log = record(task=str(slider_task), out=tmp_path / f"{name}.zarr", threads=1, **options).log
-        return prepare(log, load_task(str(slider_task)), window=window, test=test, seed=0, threads=1)
+        return prepare(log, load_task(str(slider_task)), window=window, split=NewSplit(test), threads=1)
 
     return make
 
@@ -198,7 +199,7 @@ def test_so101(real_data, tmp_path):
     whole = (data / "trapezoidal_profile.csv").read_text().splitlines(keepends=True)
     motion.write_text("".join(whole[:1001]))
     log = import_log(files=[motion], task=str(data / "task_arm.toml"), out=tmp_path / "log.zarr")
-    ready = prepare(log, task, window=None, test="none", seed=0, threads=1)
+    ready = prepare(log, task, split=NewSplit("none"), threads=1)
     nominal = dict(zip(task.space.names, task.space.nominal, strict=True))
     found = by_horizon(errors(ready, model(ready, nominal))["fit"], "rmse")[None]
     rows = list(csv.DictReader(motion.open()))

@@ -63,14 +63,12 @@ def test_a_policy_that_believes_something_else_each_time_acts_differently(tmp_pa
 def test_a_log_says_whether_episodes_begin_as_acted(recorded):
     _, made = recorded
     task = load_task("air-hockey")
-    prepared = prepare(made.log, task, window=None, test=None, seed=0)
+    prepared = prepare(made.log, task)
     assert begins_as_acted(prepared)
     first = [e.start for e in made.log.episodes]
     elsewhere = made.log.outputs.copy()
     elsewhere[first, 0] += 0.005  # m, five times the noise
-    assert not begins_as_acted(
-        prepare(replace(made.log, outputs=elsewhere), task, window=None, test=None, seed=0)
-    )
+    assert not begins_as_acted(prepare(replace(made.log, outputs=elsewhere), task))
     acted = as_acted(prepared)
     begins = prepared.windows.elapsed == 0
     assert (acted.starts.sd[begins] == 0).all()
@@ -111,14 +109,12 @@ def test_episodes_start_where_their_action_says(recorded):
     folder, _ = recorded
     task = load_task("air-hockey")
     log = MeasuredLog.read(folder / "log.zarr")
-    prepared = prepare(log, task, window=2.0, test=None, seed=0)
+    prepared = prepare(log, task, window=2.0)
     known = task.episodes(log.actions).starts
     np.testing.assert_array_equal(prepared.starts.starts.qpos, known.qpos)
     np.testing.assert_array_equal(prepared.starts.starts.qvel, 0)
     np.testing.assert_array_equal(prepared.starts.sd[0] > 0, [1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0])
-    cut = prepare(
-        log, task, window=0.5, test=None, seed=0
-    )  # windows that begin in mid-episode are read off the log
+    cut = prepare(log, task, window=0.5)  # windows that begin in mid-episode are read off the log
     assert np.all(cut.starts.sd[:, :2] > 0)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_cli.context.histories.action_library import sequence_task
+from capture_cli.context.histories.action_library import Multisines, sequence_task
 from capture_cli.errors import CaptureError, OptionError
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
@@ -145,7 +145,8 @@ def test_an_amplitude_that_the_actuator_would_cut_off_is_refused(slider_task, tm
         record(task=task, out=tmp_path / "log.zarr", amplitude={"drive": 9.0}, threads=1)
     assert f"give {most} at most" in caught.value.cure
     with pytest.raises(OptionError, match=said):
-        sequence_task(load_task(task), window=0.5, points=5, amplitude={"drive": -9.0 if low < 0 else 9.0})
+        driven = Multisines({"drive": -9.0 if low < 0 else 9.0})
+        sequence_task(load_task(task), driven, window=0.5, points=5)
     assert not (tmp_path / "log.zarr").exists()
     options = {"task": task, "duration": 1, "rate": 100, "threads": 1}
     whole = record(out=tmp_path / "all.zarr", amplitude={"drive": float(most)}, **options).log

@@ -51,7 +51,7 @@ def repeats(request, tmp_path_factory) -> tuple[Path, str, bool]:
 def test_coloured_noise_is_measured_through_the_simulator(repeats):
     path, file, _ = repeats
     task = load_task(file)
-    before = prepare(MeasuredLog.read(path), task, window=None, test=None, seed=0)
+    before = prepare(MeasuredLog.read(path), task)
     after, rollouts = with_noise_of_repeats(before, task.space.nominal, threads=1, seed=0)
     assert before.noise.source == after.noise.source == ("repeats",)
     assert rollouts > 0
@@ -98,7 +98,7 @@ def test_the_four_numbers_of_a_repeated_attitude_have_one_floor(tmp_path):
         outputs=seen,
         episode_ends=500 * np.arange(1, 5),
     )
-    before = prepare(repeated, task, window=None, test=None, seed=0)
+    before = prepare(repeated, task)
     after, _ = with_noise_of_repeats(before, task.space.nominal, threads=1, seed=0)
     error = np.sqrt(np.mean(np.square(seen - true)))
     for prepared in (before, after):
@@ -135,7 +135,7 @@ def test_no_floor_is_below_the_sensors_steps(tmp_path, step=5e-4):
     ).log
     log = replace(log, outputs=step * np.round(log.outputs / step))
     task = load_task(options["task"])
-    before = prepare(log, task, window=None, test=None, seed=0)
+    before = prepare(log, task)
     after, _ = with_noise_of_repeats(before, task.space.nominal, threads=1, seed=0)
     assert before.noise.source == ("repeats",) and before.noise.sd[0] > step / np.sqrt(12)
     assert after.noise.source == ("resolution",)

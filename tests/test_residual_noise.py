@@ -61,7 +61,7 @@ def sliding(task: Path, folder: Path, *effects: str, episodes: int = 1) -> Prepa
     made = record(
         task=str(task), out=folder / "log.zarr", episodes=episodes, effects=list(effects), **options
     )
-    return prepare(made.log, load_task(str(task)), window=None, test=None, seed=0, threads=1)
+    return prepare(made.log, load_task(str(task)), threads=1)
 
 
 def fitted(prepared: PreparedLog) -> tuple[PreparedLog, Fit]:
@@ -70,7 +70,7 @@ def fitted(prepared: PreparedLog) -> tuple[PreparedLog, Fit]:
 
 
 def prepared_log(path: Path, task: Path) -> PreparedLog:
-    return prepare(MeasuredLog.read(path), load_task(str(task)), window=None, test=None, seed=0, threads=1)
+    return prepare(MeasuredLog.read(path), load_task(str(task)), threads=1)
 
 
 def test_the_floor_of_a_slow_sensor_is_that_of_the_residual(tmp_path, without_pages):

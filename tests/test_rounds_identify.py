@@ -300,7 +300,7 @@ def test_rounds_read_no_sample_that_was_held_out(slider_task, tmp_path):
     task = load_task(str(slider_task))
     record(out=tmp_path / "log.zarr", **driven(slider_task))
     log = MeasuredLog.read(tmp_path / "log.zarr")
-    wide, narrow = (prepare(log, task, window=w, test=None, seed=0) for w in (0.5, 0.25))
+    wide, narrow = (prepare(log, task, window=w) for w in (0.5, 0.25))
     times = np.linspace(0, 0.5, 6)
     for prepared, tapes, left_out in ((wide, 6, 0), (narrow, 6, 6)):
         fitted = prepared.part(~prepared.split.is_test)

@@ -160,7 +160,7 @@ def test_two_that_stand_in_each_others_way_are_a_pair_and_two_that_are_alike_are
 def screening_of_case(case: Case, *names: str) -> Screening:
     """Of these effects, NAME@SITE, or of all, in the log of a case."""
     task, log, _ = case.build()
-    prepared = prepare(log, task, window=None, test=None, seed=0)
+    prepared = prepare(log, task)
     placed = [c.placed for c in all_candidates(prepared) if not names or c.name in names]
     return Screening.of(SmoothedLog.of(log_of(prepared), prepared.task), placed, task.space.nominal, 1)
 
@@ -191,9 +191,7 @@ def test_slow_noise_of_sensors_is_none_of_the_model():
     log = made.experiment.log(made.experiment.outputs(made.planted))
     ends = [e.stop - e.start for e in log.episodes]
     noise = coloured((len(ends), ends[0]), np.random.default_rng(1), sd=1e-3, memory=8.0).reshape(-1, 1)
-    prepared = prepare(
-        replace(log, outputs=log.outputs + noise), made.experiment.task, window=None, test=None, seed=0
-    )
+    prepared = prepare(replace(log, outputs=log.outputs + noise), made.experiment.task)
     placed = [c.placed for c in all_candidates(prepared) if c.placed.kind == "coulomb-friction"]
     smoothed = SmoothedLog.of(log_of(prepared), prepared.task)
     own = Screening.of(smoothed, placed, prepared.task.space.nominal, 1)

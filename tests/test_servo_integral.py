@@ -17,6 +17,7 @@ from plain_loop import looped
 
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.split import NewSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model import effects
 from capture_cli.model.effects.companion import companion_module
@@ -70,7 +71,7 @@ def pan_tilt(folder: Path) -> Task:
 
 def fitted(log: MeasuredLog, task: Task, limited: bool = True):
     """The effect, a fit with it that begins at half of its size, and the prepared log."""
-    prepared = prepare(log, task, window=None, test=None, seed=0)
+    prepared = prepare(log, task)
     effect = next(c.placed for c in all_candidates(prepared) if c.name == EFFECT)
     limit = 1.5 * LIMIT if limited else effect.effect.space.high[1]
     begin = np.array([*prepared.task.space.nominal, KI / 2, limit])
@@ -105,7 +106,7 @@ def test_what_it_was_when_the_log_began_need_not_be_known(planted, tmp_path):
 
 def test_what_it_was_after_a_gap_need_not_be_known(tmp_path):
     log, truth = recorded(tmp_path, *PLANTED, duration=3.0)
-    prepared = prepare(without(log, 0.9, 1.7), pan_tilt(tmp_path), window=None, test=None, seed=0)
+    prepared = prepare(without(log, 0.9, 1.7), pan_tilt(tmp_path))
     effect = next(c.placed for c in all_candidates(prepared) if c.name == EFFECT)
     assert len(effect.effect.seen.stretches) == 2 * len(log.episodes)
     assert ModelFits(prepared, 1).fit(prepared, [effect], truth).error < 1.1
@@ -149,7 +150,7 @@ def test_windows_after_a_gap_are_found_where_the_integral_is_at_its_limit(tmp_pa
     options = {"episodes": 1, "duration": 8.0, "rate": 100.0, "noise": 1e-4, "band": (0.1, 1.0), "seed": 0}
     record(task=str(task), out=tmp_path / "log.zarr", effects=planted, **options)
     log = without(MeasuredLog.read(tmp_path / "log.zarr"), 3.0, 4.3)
-    prepared = prepare(log, load_task(str(task)), window=0.5, test="none", seed=0)
+    prepared = prepare(log, load_task(str(task)), window=0.5, split=NewSplit("none"))
     effect = only_candidate(prepared).placed
     assert ModelFits(prepared, 1).fit(prepared, [effect], np.array([0.2, 60.0, 0.05])).error < 1.1
 
@@ -165,7 +166,7 @@ def test_it_is_scored_with_what_it_may_have_held_before_the_log_began(tmp_path, 
     options = {"episodes": 2, "duration": 4.5, "rate": 100.0, "noise": 5e-4, "seed": 3}
     record(task=str(task), out=tmp_path / "log.zarr", effects=planted, **options)
     log = without(MeasuredLog.read(tmp_path / "log.zarr"), 0.0, 1.5)
-    prepared = prepare(log, load_task(str(task)), window=0.5, test="none", seed=0)
+    prepared = prepare(log, load_task(str(task)), window=0.5, split=NewSplit("none"))
     fits, candidate = ModelFits(prepared, 1), only_candidate(prepared)
     declared = fits.fit(prepared, [], prepared.task.space.nominal)
 

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from setting_numbers import set_numbers
 
-from capture_cli.context.histories.action_library import sequence_task
+from capture_cli.context.histories.action_library import Multisines, sequence_task
 from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.log.samples import Samples
 from capture_cli.log.windows import Windows, cut
@@ -110,7 +110,7 @@ def test_without_offsets_too(slider):
 
 
 def test_episodes_are_the_same_however_many_are_simulated_at_once(slider, monkeypatch):
-    task = sequence_task(slider[0], points=5, window=0.1, amplitude={"drive": 3.0})
+    task = sequence_task(slider[0], Multisines({"drive": 3.0}), points=5, window=0.1)
     generator = np.random.default_rng(0)
     parameters = task.space.from_unit(generator.random((10, len(task.space))))
     actions = task.draw_actions(generator.random((10, len(task.actions))))

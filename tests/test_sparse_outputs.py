@@ -16,7 +16,7 @@ from inspecting import inspect
 from slow_sensors import EVERY, MACHINES, jittered, regular, thinned, with_sparse
 
 from capture_cli.cli import main
-from capture_cli.context.histories.action_library import sequence_task
+from capture_cli.context.histories.action_library import LogWindows, sequence_task
 from capture_cli.errors import LogError
 from capture_cli.estimate.noise.autocorrelation import (
     autocorrelation_time,
@@ -400,7 +400,7 @@ def test_an_output_that_was_never_held_out_has_no_error_there(tmp_path, capsys, 
 
 def test_a_window_far_from_every_sample_is_not_sure_of_its_start(tmp_path):
     log, task = half_blind(tmp_path)
-    prepared = prepare(MeasuredLog.read(log), load_task(str(task)), window=None, test=None, seed=0)
+    prepared = prepare(MeasuredLog.read(log), load_task(str(task)))
     blind = prepared.windows.time > 3.2
     angle, speed = (prepared.starts.sd[:, k] for k in (1, 3))
     assert angle[blind].min() > 10 * angle[~blind].max()
@@ -418,7 +418,7 @@ def test_what_is_fitted_holds_no_sample(tmp_path):
     ).log
     late = thinned(whole, "pole", lambda steps, _: np.arange(steps - 40, steps))
     with pytest.raises(LogError, match="what is fitted holds no sample of pole") as caught:
-        prepare(late, load_task(str(task)), window=None, test=None, seed=0)
+        prepare(late, load_task(str(task)))
     assert "--test" in caught.value.cure
 
 
@@ -428,9 +428,6 @@ def test_a_task_that_does_not_say_so_is_refused(tmp_path):
         prepare(
             MeasuredLog.read(log),
             load_task(str(MACHINES / "cart_pole" / "task.toml")),
-            window=None,
-            test=None,
-            seed=0,
         )
     assert "sparse = true under [outputs.pole]" in caught.value.cure
 
@@ -438,5 +435,5 @@ def test_a_task_that_does_not_say_so_is_refused(tmp_path):
 def test_learned_identifiers_read_complete_trajectories(tmp_path):
     log, task = half_blind(tmp_path)
     with pytest.raises(LogError, match="pole has no sample in some rows") as caught:
-        sequence_task(load_task(str(task)), inputs_from=log, seed=0)
+        sequence_task(load_task(str(task)), LogWindows(log))
     assert "least-squares" in caught.value.cure

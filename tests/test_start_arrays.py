@@ -128,7 +128,7 @@ def test_hidden_states_are_there_too(tmp_path, monkeypatch):
         load_task(str(tmp_path / "slider" / "task.toml")),
     )
     assert arrays["window/start_hidden"].shape[1] == len(effect["states"]) > 0
-    windows = prepare(MeasuredLog.read(tmp_path / "log.zarr"), task, window=None, test=None, seed=0).windows
+    windows = prepare(MeasuredLog.read(tmp_path / "log.zarr"), task).windows
     simulator = Simulator(
         task, [(effect["name"], REGISTRY.get(effect["name"])(task.model, effect["site"]))], 1
     )

@@ -26,7 +26,7 @@ from capture_cli.context.checkpoints.identifier_checkpoint import load_identifie
 from capture_cli.context.identifiers import REGISTRY, _batches
 from capture_cli.context.identifiers._batches import Batches, Place, windows
 from capture_cli.context.identifiers._learned import LearnedIdentifier
-from capture_cli.context.identifiers._training import Device, Settings, Trainer
+from capture_cli.context.identifiers._training import Device, Settings, Trainer, TrainingHistories
 from capture_cli.context.identifiers._transformer import Architecture
 from capture_cli.context.identifiers.base import Signature, run_rounds
 from capture_cli.errors import FitError, OptionError, OutputError, StoreError
@@ -291,9 +291,7 @@ def test_training_and_validation_loss_are_the_same_quantity(name, tmp_path):
     architecture = Architecture(2, 2, 6, 2, window=4, width=16, layers=1, heads=2)
     trainer = Trainer(
         kind,
-        SIGNATURE,
-        lambda first, last: rounds.pairs(slice(first, last)),
-        64,
+        TrainingHistories(SIGNATURE, lambda first, last: rounds.pairs(slice(first, last)), 64),
         architecture,
         Settings(steps=1, batch=32, learning_rate=1e-12, validation=0.5),
         where,

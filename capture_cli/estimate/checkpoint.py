@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
@@ -52,9 +52,8 @@ def kept_fit(method: Callable[..., Fit | None]) -> Callable[..., Fit | None]:
 
         if fits.kept is None:
             return make()
-        values = made_or_taken(
-            fits, "fit", effects, [part, start, *options.values()], lambda: _of_fit(make())
-        )
+        given = [part, start, *(told for value in options.values() for told in _parts(value))]
+        values = made_or_taken(fits, "fit", effects, given, lambda: _of_fit(make()))
         return _as_fit(values, fits, part, effects)
 
     return fit
@@ -93,6 +92,11 @@ def made_or_taken(
     values = dict(fits.kept.step(name, [_told(g) for g in (*known, *given)], counted))
     fits.rollouts = before + values.pop("rollouts")
     return values
+
+
+def _parts(given: Any) -> Sequence[Any]:
+    """What an argument is made of: the numbers and the rival of an Effort, itself otherwise."""
+    return [given] if isinstance(given, Fit) or not is_dataclass(given) else [*vars(given).values()]
 
 
 def _told(given: Any) -> Any:

@@ -19,7 +19,7 @@ import numpy as np
 from capture_cli.estimate.extrapolation import Beyond, beyond_fitted
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
-from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 
@@ -75,7 +75,7 @@ def _whole(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_te
         _begin(fits, fit, in_unit, on),
         near=fit,
         offsets=on.offsets,
-        tolerance=FIT.exact,
+        effort=Effort(tolerance=FIT.exact),
     )
     if whole is None or not _leaves_nothing(whole, is_test):
         return None

@@ -10,9 +10,10 @@ import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.errors import CaptureError
-from capture_cli.estimate.model_fits import ModelFits
-from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.model_fits import Effort, ModelFits
+from capture_cli.estimate.prepare import Excerpt, prepare
 from capture_cli.estimate.prepared_log import PreparedLog, attitudes
+from capture_cli.estimate.split import NewSplit
 from capture_cli.model.quaternion_order import SETTINGS as QUATERNION_ORDER
 from capture_cli.model.quaternion_order import order_in_names
 from capture_cli.model.tasks.base import Channel
@@ -152,9 +153,10 @@ class _Looks:
         """
         prepared = self.prepared
         log = replace(prepared.log, **{way.kind: _values(prepared, way)})
-        cut = dict(window=self.window, test="none", seed=0, step=prepared.difference_step)
+        excerpt = Excerpt(self._few(windows), prepared.difference_step)
+        how = {"window": self.window, "split": NewSplit("none"), "threads": self.threads}
         try:
-            part = prepare(log, prepared.task, **cut, only=self._few(windows), threads=self.threads)
+            part = prepare(log, prepared.task, **how, excerpt=excerpt)
         except CaptureError:
             return np.inf
         return _total(self._shares(part, rounds))
@@ -170,7 +172,7 @@ class _Looks:
 
     def _shares(self, part: PreparedLog, rounds: int) -> np.ndarray:
         fits = ModelFits(part, self.threads)
-        fit = fits.fit(part, [], part.task.space.nominal, rounds=rounds)
+        fit = fits.fit(part, [], part.task.space.nominal, effort=Effort(rounds=rounds))
         self.rollouts += fits.rollouts
         if fit is None:
             return np.full(len(part.task.outputs), np.inf)

@@ -19,7 +19,7 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Best, Trial, run
 from capture_cli.estimate.solve.intervals import unit_covariance
 from capture_cli.estimate.solve.least_squares import SETTINGS as LEAST_SQUARES
-from capture_cli.estimate.solve.least_squares import LeastSquares
+from capture_cli.estimate.solve.least_squares import GiveUp, LeastSquares
 from capture_cli.estimate.solve.linearization import (
     Evidence,
     Known,
@@ -41,6 +41,28 @@ class ModelFitsSettings:
 
 
 SETTINGS = ModelFitsSettings()
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How hard a fit is tried. rounds, tolerance, starts and seed are those of LeastSquares.
+
+    rival: a fit of the same part; this one is given up where it stays far behind, later where it has fewer parameters:
+    of two that do as well it would be the better. to_reach: the error that is asked of it; it is given up, as late,
+    where it stays far above. needed: the error above which the model is of no use; it is given up where it does not
+    promise to get there.
+    """
+
+    rounds: int = SETTINGS.fit_rounds
+    tolerance: float = FIT.tolerance
+    starts: int = 1
+    seed: int = 0
+    rival: Fit | None = None
+    to_reach: float = np.inf
+    needed: float = np.inf
+
+
+USUAL = Effort()
 
 
 class ModelFits:
@@ -81,24 +103,14 @@ class ModelFits:
         *,
         near: Fit | None = None,
         offsets: np.ndarray | None = None,
-        starts: int = 1,
-        rounds: int = SETTINGS.fit_rounds,
-        tolerance: float = FIT.tolerance,
-        seed: int = 0,
-        rival: Fit | None = None,
-        to_reach: float = np.inf,
-        needed: float = np.inf,
+        effort: Effort = USUAL,
     ) -> Fit | None:
-        """Fit from `start` (parameter,); None where every trial diverged. Other options are those of LeastSquares.
+        """Fit from `start` (parameter,); None where every trial diverged.
 
         near: another fit of the same part. This one begins with its starts of windows, with its values where they are
         better than those of `start`, and with its sensitivities until it measures its own: as far as they concern the
         declared parameters, and the effects that both begin with.
         offsets (window, state): of the starts, where they begin, if not where `near` has them.
-        needed: the error above which the model is of no use; it is given up where it does not promise to get there.
-        rival: a fit of the same part; this one is given up where it stays far behind, later where it has fewer
-        parameters: of two that do as well it would be the better.
-        to_reach: the error that is asked of it; it is given up, as late, where it stays far above.
         """
         new, theirs = effects, () if near is None else near.effects
         if offsets is None and near is not None:
@@ -109,22 +121,12 @@ class ModelFits:
             start, offsets = self._nearer(part, effects, points, [carried, np.zeros_like(carried)])
             new = effects[len(_in_common(theirs, effects)) :]
         offsets = self._with_states_found(part, effects, start, offsets, new)
-        descend = partial(
-            self._descended,
-            part,
-            effects,
-            rounds=rounds,
-            tolerance=tolerance,
-            seed=seed,
-            rival=rival,
-            to_reach=to_reach,
-            needed=needed,
-        )
-        fit = descend(start, offsets, starts=starts, near=near)
+        fit = self._descended(part, effects, start, offsets, effort, near)
         carried = {e.name for e in theirs}
         tried = any(len(e.effect.states_tried) and e.name not in carried for e in effects)
         if tried or (part.difference_step and not effects and not self.from_balance):
-            fit = unstuck(self, part, fit, rival, descend)
+            descend = partial(self._descended, part, effects, effort=replace(effort, starts=1))
+            fit = unstuck(self, part, fit, effort.rival, descend)
         return fit
 
     def _as_near(self, near: Fit, effects: Sequence[Placed], start: np.ndarray) -> np.ndarray:
@@ -190,39 +192,29 @@ class ModelFits:
         effects: Sequence[Placed],
         start: np.ndarray,
         offsets: np.ndarray | None,
-        *,
-        rounds: int,
-        tolerance: float,
-        seed: int,
-        rival: Fit | None,
-        to_reach: float,
-        needed: float,
-        starts: int = 1,
+        effort: Effort,
         near: Fit | None = None,
     ) -> Fit | None:
-        """The fit where least squares from `start` (parameter,) and `offsets` (window, state) ends; None where every
-        trial diverged. The other options are those of `fit`.
-        """
+        """Where least squares from `start` (parameter,) and `offsets` (window, state) ends; as `fit`."""
+        rival, to_reach, tolerance = effort.rival, effort.to_reach, effort.tolerance
         simulator = self.simulator(effects)
         evidence = part.evidence(simulator)
         measured = tolerance < FIT.tolerance
         simpler = rival is not None and len(simulator.space) < len(rival.space)
         to_beat = to_reach if rival is None else min(to_reach, rival.error)
+        later = simpler or np.isfinite(to_reach)
+        patience = LEAST_SQUARES.long_patience if later else LEAST_SQUARES.patience
         solver = LeastSquares(
             evidence,
             start=start,
             offsets=offsets,
             known=None if near is None else self._known(near, effects, evidence),
-            starts=starts,
-            rounds=rounds,
+            starts=effort.starts,
+            rounds=effort.rounds,
             tolerance=tolerance,
-            seed=seed,
-            to_beat=to_beat,
+            seed=effort.seed,
+            give_up=GiveUp(to_beat, patience, effort.needed),
             measured=measured,
-            needed=needed,
-            patience=LEAST_SQUARES.long_patience
-            if simpler or np.isfinite(to_reach)
-            else LEAST_SQUARES.patience,
         )
         best = run(solver, lambda trial: part.evaluate(simulator, trial))
         if not np.isfinite(best.error):

@@ -20,7 +20,7 @@ from capture_cli.estimate.log_requirements import (
 from capture_cli.estimate.log_windows import cut_log
 from capture_cli.estimate.noise.noise_floor import NoiseFloor, noise_floor
 from capture_cli.estimate.prepared_log import PreparedLog, attitudes
-from capture_cli.estimate.split import EarlierSplit, split_windows
+from capture_cli.estimate.split import Divided, EarlierSplit, NewSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.quaternion_signs import continuous
 from capture_cli.model.tasks.base import Task
@@ -35,23 +35,29 @@ class PrepareSettings:
 SETTINGS = PrepareSettings()
 
 
+@dataclass(frozen=True)
+class Excerpt:
+    """Some windows of a log, by their numbers (window,), and the step of differences, which is known."""
+
+    windows: np.ndarray
+    difference_step: float
+
+
+USUAL_SPLIT = NewSplit()
+
+
 def prepare(
     log: MeasuredLog,
     task: Task,
     *,
-    window: float | None,
-    test: str | None,
-    seed: int,
-    held_out: EarlierSplit | None = None,
-    step: float | None = None,
-    only: np.ndarray | None = None,
+    window: float | None = None,
+    split: NewSplit | EarlierSplit = USUAL_SPLIT,
+    excerpt: Excerpt | None = None,
     threads: int | None = None,
 ) -> PreparedLog:
-    """Check that the log fits the task, and make it ready. Raises LogError or OptionError.
+    """Check that the log fits the task, and make it ready, or an excerpt of it. Raises LogError or OptionError.
 
-    held_out: what an estimate of the same log kept back, which is kept back again; `test` and `seed` say what where
-    None. step: of differences; the shortest that shows, where None. only: numbers (window,) of the windows to make
-    ready; all where None.
+    window: s; the task's own where None.
     """
     check_fits(log, task)
     turned = continuous(log.outputs, log.episodes, attitudes(task), log.sampled)
@@ -60,8 +66,8 @@ def prepare(
     check_long_enough(log, duration)
     check_step(log, task, duration)
     windows = cut_log(log, task, duration)
-    if only is not None:
-        windows = windows.rows(only)
+    if excerpt is not None:
+        windows = windows.rows(excerpt.windows)
     noise = noise_floor(
         log.samples,
         [c.noise_sd for c in task.outputs],
@@ -71,30 +77,21 @@ def prepare(
     )
     check_changes(log, task, noise.sd)
     starts = log_starts(log, task, windows, noise, threads)
-    split = (
-        held_out.split(windows.first, windows.samples)
-        if held_out is not None
-        else split_windows(
-            episode=windows.episode,
-            samples=windows.samples,
-            duration=log.longest,
-            recording=log.recording,
-            recording_names=log.recording_names,
-            test=test,
-            seed=seed,
-        )
+    divided = Divided(
+        windows.first, windows.samples, windows.episode, log.recording, log.recording_names, log.longest
     )
-    prepared = PreparedLog(task, log, windows, starts, noise, split)
+    prepared = PreparedLog(task, log, windows, starts, noise, split.of(divided))
     check_fitted(prepared)
-    if only is None and any(c.linear is None for c in task.inputs):
+    if excerpt is not None:
+        return replace(prepared, difference_step=excerpt.difference_step)
+    if any(c.linear is None for c in task.inputs):
         timings = timings_of_inputs(prepared, threads)
         known = with_timings(task, timings)
         if known.linear.any():
-            how = {"window": window, "test": test, "seed": seed, "held_out": held_out, "step": step}
-            prepared = prepare(log, known, **how, threads=threads)
+            prepared = prepare(log, known, window=window, split=split, threads=threads)
             return replace(prepared, input_timings=timings)
         prepared = replace(prepared, task=known, input_timings=timings)
-    step, rollouts = difference_step(prepared, threads) if step is None else (step, 0)
+    step, rollouts = difference_step(prepared, threads)
     return replace(prepared, difference_step=step, rollouts=rollouts)
 
 

@@ -39,6 +39,20 @@ class Split:
 
 
 @dataclass(frozen=True)
+class Divided:
+    """A log as it is cut. first, samples, episode (window,): the step that each begins at, how many it has, and the
+    number of its episode. recording (episode,): which of `names` each comes from. longest: s, of the longest episode.
+    """
+
+    first: np.ndarray
+    samples: np.ndarray
+    episode: np.ndarray
+    recording: np.ndarray
+    names: Sequence[str]
+    longest: float
+
+
+@dataclass(frozen=True)
 class EarlierSplit:
     """What was held out of a log before, so that it stays so.
 
@@ -50,46 +64,46 @@ class EarlierSplit:
     is_test: np.ndarray
     how: str
 
-    def split(self, first: np.ndarray, samples: np.ndarray) -> Split:
-        """Of windows that begin at the steps `first` (window,) and have so many samples: those that hold any of it."""
+    def of(self, log: Divided) -> Split:
+        """Its windows that hold any of what was held out."""
+        return Split(self.held_in(log.first, log.samples), self.how)
+
+    def held_in(self, first: np.ndarray, samples: np.ndarray) -> np.ndarray:
+        """Which windows that begin at the steps `first` (window,) and have so many samples hold any of it."""
         begins, ends = (
             np.searchsorted(self.first, at, side="right") - 1 for at in (first, first + samples - 1)
         )
         held = np.concatenate([[0], np.cumsum(self.is_test)])
-        return Split(held[ends + 1] > held[begins], self.how)
+        return held[ends + 1] > held[begins]
 
 
-def split_windows(
-    *,
-    episode: np.ndarray,
-    samples: np.ndarray,
-    duration: float,
-    recording: np.ndarray,
-    recording_names: Sequence[str],
-    test: str | None,
-    seed: int,
-) -> Split:
-    """Split windows by recording (`test`, names or patterns divided by commas), by episode, or by contiguous block.
-
-    episode (window,): the number of each window's; samples (window,): how many it has; duration: s, of the longest
-    episode, by which a shorter window is named where the log is one long; recording (episode,). `test` "none" keeps
-    nothing back. Raises OptionError for a pattern that matches no recording or all of them, or where there is none;
-    LogError where the log is too short.
+@dataclass(frozen=True)
+class NewSplit:
+    """By recording (`test`, names or patterns divided by commas), by episode, or by contiguous block; `test` "none"
+    keeps nothing back.
     """
-    if test == "none":
-        return Split(np.zeros(len(episode), dtype=bool), "nothing held out")
-    if test is not None:
-        return _by_recording(episode, recording, recording_names, test)
-    episodes, of_window = np.unique(episode, return_inverse=True)
-    if len(episodes) == 1:
-        return _last_block(len(episode), duration, int(samples.sum()))
-    shares = np.bincount(of_window, weights=samples) / samples.sum()
-    for held in _tries(len(episodes), seed):
-        if SETTINGS.least_held <= shares[held].sum() <= SETTINGS.most_held:
-            names = [recording_names[i] for i in recording]
-            return Split(np.isin(of_window, held), _said(held, episodes, names))
-    block = _last_block(len(episode), duration, int(samples.sum()))
-    return Split(block.is_test, f"{block.how}: {UNEQUAL}")
+
+    test: str | None = None
+    seed: int = 0
+
+    def of(self, log: Divided) -> Split:
+        """Raises OptionError for a pattern that matches no recording or all of them, or where there is none; LogError
+        where the log is too short.
+        """
+        if self.test == "none":
+            return Split(np.zeros(len(log.episode), dtype=bool), "nothing held out")
+        if self.test is not None:
+            return _by_recording(log, self.test)
+        episodes, of_window = np.unique(log.episode, return_inverse=True)
+        if len(episodes) == 1:
+            return _last_block(log)
+        shares = np.bincount(of_window, weights=log.samples) / log.samples.sum()
+        for held in _tries(len(episodes), self.seed):
+            if SETTINGS.least_held <= shares[held].sum() <= SETTINGS.most_held:
+                names = [log.names[i] for i in log.recording]
+                return Split(np.isin(of_window, held), _said(held, episodes, names))
+        block = _last_block(log)
+        return Split(block.is_test, f"{block.how}: {UNEQUAL}")
 
 
 def _tries(count: int, seed: int) -> Iterator[np.ndarray]:
@@ -122,7 +136,8 @@ def episodes_held_out(held: Sequence[int], count: int, names: Sequence[str] = ()
     return f"{how}: episode{'s' * (len(held) > 1)} {', '.join(map(str, held))}"
 
 
-def _by_recording(episode, recording, names, test: str) -> Split:
+def _by_recording(log: Divided, test: str) -> Split:
+    names = log.names
     patterns = [p.strip() for p in test.split(",") if p.strip()]
     if not patterns:  # as of a shell's variable that is not set
         raise OptionError(
@@ -136,7 +151,7 @@ def _by_recording(episode, recording, names, test: str) -> Split:
                 cure=f"its recordings are: {', '.join(names)}",
             )
     held = [i for i, name in enumerate(names) if any(fnmatchcase(name, p) for p in patterns)]
-    is_test = np.isin(np.asarray(recording)[episode], held)
+    is_test = np.isin(np.asarray(log.recording)[log.episode], held)
     if is_test.all():
         raise OptionError(
             f"--test {test!r} holds out the whole log", cure="leave at least one recording to fit"
@@ -144,7 +159,8 @@ def _by_recording(episode, recording, names, test: str) -> Split:
     return Split(is_test, "recordings held out: " + ", ".join(names[i] for i in held))
 
 
-def _last_block(windows: int, duration: float, samples: int) -> Split:
+def _last_block(log: Divided) -> Split:
+    windows, duration, samples = len(log.episode), log.longest, int(log.samples.sum())
     is_test = np.zeros(windows, dtype=bool)
     if windows < 2:
         raise LogError(

@@ -18,7 +18,7 @@ from capture_cli.estimate.initial_states.of_windows import as_acted, begins_as_a
 from capture_cli.estimate.limits import with_limits
 from capture_cli.estimate.log_balance import balanced_point
 from capture_cli.estimate.log_requirements import all_diverged, check_parameters_move_outputs
-from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.noise.repeated_noise import with_noise_of_repeats
 from capture_cli.estimate.noise.residual_noise import with_noise_of_residual, with_outliers
@@ -171,9 +171,9 @@ class _Protocol:
             [],
             start if offsets is not None else self._nearer(start),
             offsets=offsets,
-            starts=own.starts if self.balanced is None else 1,
-            tolerance=FIT_SETTINGS.exact,
-            seed=own.seed,
+            effort=Effort(
+                starts=own.starts if self.balanced is None else 1, tolerance=FIT_SETTINGS.exact, seed=own.seed
+            ),
         )
         if declared is None:
             raise all_diverged(self.prepared.task)
@@ -287,7 +287,7 @@ class _Protocol:
             fit.point,
             near=fit,
             offsets=starts_found(self.parts.folds, fit, judged),
-            tolerance=FIT_SETTINGS.exact,
+            effort=Effort(tolerance=FIT_SETTINGS.exact),
         )
 
     def _whole(self, fit: Fit, again: Fit | None) -> PartFit:

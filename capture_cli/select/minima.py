@@ -10,7 +10,7 @@ import numpy as np
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
-from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Best
@@ -53,7 +53,7 @@ def _begun_anew(fits: ModelFits, part: PreparedLog, fit: Fit, seed: int) -> list
     for _ in range(SETTINGS.begun_anew):
         begin = fit.at.x + SETTINGS.begun_away * spread @ generator.standard_normal(len(sd))
         point = fit.space.from_unit(np.clip(begin, 0, 1))
-        other = fits.fit(part, fit.effects, point, near=fit, rival=fit)
+        other = fits.fit(part, fit.effects, point, near=fit, effort=Effort(rival=fit))
         if other is None:
             continue
         found.append(other)

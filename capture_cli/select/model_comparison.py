@@ -10,7 +10,7 @@ import numpy as np
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.fit import Fit, least
-from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.autocorrelation import correlation_samples
 from capture_cli.estimate.noise.lack_of_fit import lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
@@ -103,7 +103,7 @@ class ModelComparison:
             fit.point,
             near=fit,
             offsets=starts_found(self.folds, fit, on),
-            seed=self.seed,
+            effort=Effort(seed=self.seed),
         )
         if both is None or lack_of_fit(both.at).lacking:
             return False
@@ -179,10 +179,7 @@ class ModelComparison:
                 effects,
                 start,
                 near=near,
-                seed=self.seed,
-                rival=beaten,
-                to_reach=to_reach,
-                needed=needed,
+                effort=Effort(seed=self.seed, rival=beaten, to_reach=to_reach, needed=needed),
             )
             found = least([found, fit])
             if found is not None and self.is_explained(found):
@@ -207,8 +204,7 @@ class ModelComparison:
             current.effects,
             found.point[: len(current.point)],
             near=found,
-            rounds=SETTINGS.again_rounds,
-            seed=self.seed,
+            effort=Effort(rounds=SETTINGS.again_rounds, seed=self.seed),
         )
         if again is None:
             return None
@@ -244,7 +240,7 @@ class ModelComparison:
             own = fit
             if len(self.folds.folds) > 1:
                 train = self.fits.prepared.part(fitted)
-                own = self.fits.fit(train, fit.effects, fit.point, seed=self.seed) or fit
+                own = self.fits.fit(train, fit.effects, fit.point, effort=Effort(seed=self.seed)) or fit
                 own = own.known_from(train.windows.first)
             parts.append(self.fits.on(self.fits.prepared.part(judged), own))
         return parts[0] if len(parts) == 1 else PartFit.concatenate(parts)

@@ -16,7 +16,7 @@ from capture_cli.common.progress import Progress
 from capture_cli.context import observation_noise
 from capture_cli.context.checkpoints.checkpoint_hash import recorded_policy
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy, played
-from capture_cli.context.histories.action_library import library_hash, sequence_task
+from capture_cli.context.histories.action_library import LogWindows, Multisines, library_hash, sequence_task
 from capture_cli.context.histories.history_recipe import Recipe
 from capture_cli.context.histories.moving_parameters import check_parameters_move_trajectories
 from capture_cli.context.histories.resumed_histories import is_complete, place, shards_to_make
@@ -112,7 +112,8 @@ def _action_task(machine: Task, options: GenHistoriesOptions) -> ActionTask:
     given = {n: v for n in OF_SEQUENCES if (v := getattr(options, n)) not in (None, {})}
     machine = played(machine, options.policy)
     if not isinstance(machine, ActionTask):
-        return sequence_task(machine, **given, seed=options.seed)
+        lasts = {name: given[name] for name in ("window", "points") if name in given}
+        return sequence_task(machine, _actions(options), **lasts, seed=options.seed)
     if given:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise OptionError(
@@ -120,6 +121,19 @@ def _action_task(machine: Task, options: GenHistoriesOptions) -> ActionTask:
             cure="leave it out, or give a task.toml without --policy",
         )
     return machine
+
+
+def _actions(options: GenHistoriesOptions) -> LogWindows | Multisines:
+    """Where actions of a machine that has none come from."""
+    driven = {name: v for name in ("amplitude", "band") if (v := getattr(options, name))}
+    if options.inputs_from is None:
+        return Multisines(**driven)
+    for name in driven:
+        raise OptionError(
+            f"--{name} means nothing: the actions are the windows of {options.inputs_from}",
+            cure="leave it out",
+        )
+    return LogWindows(options.inputs_from, options.max_log_size)
 
 
 def _recipe(machine: ActionTask, effects: EffectRanges, options: GenHistoriesOptions) -> Recipe:

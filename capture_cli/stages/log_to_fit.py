@@ -8,7 +8,7 @@ from pathlib import Path
 from capture_cli.common.progress import Progress
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
-from capture_cli.estimate.split import EarlierSplit
+from capture_cli.estimate.split import EarlierSplit, NewSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
 from capture_cli.options.shared import FittingLog
@@ -47,5 +47,6 @@ class LogToFit:
 
     def prepared(self, held_out: EarlierSplit | None = None, task: Task | None = None) -> PreparedLog:
         """As `prepare` makes it, with the options of the run. task: in the place of its own."""
-        given = {name: getattr(self.options, name) for name in ("window", "test", "seed", "threads")}
-        return prepare(self.log, task or self.task, **given, held_out=held_out)
+        own = self.options
+        split = held_out or NewSplit(own.test, own.seed)
+        return prepare(self.log, task or self.task, window=own.window, split=split, threads=own.threads)

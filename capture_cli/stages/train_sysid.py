@@ -80,7 +80,7 @@ def train_sysid(options: TrainSysidOptions) -> dict[str, Any]:
     refuse_inputs(out, [trains_on])
     where = _device(options)
     # torch is imported from here on: its settings are made
-    from capture_cli.context.identifiers._training import Trainer
+    from capture_cli.context.identifiers._training import Trainer, TrainingHistories
 
     architecture, settings = _architecture(kind, signature, window, options), _settings(options)
     recipe = {
@@ -98,7 +98,7 @@ def train_sysid(options: TrainSysidOptions) -> dict[str, Any]:
     def read(first: int, last: int) -> Rounds:
         return Rounds(**store.read(first, last))
 
-    trainer = Trainer(kind, signature, read, len(store), architecture, settings, where)
+    trainer = Trainer(kind, TrainingHistories(signature, read, len(store)), architecture, settings, where)
     begun = {**recipe, "device": asdict(where)}
     state = load_state(unfinished(out), begun) if resume else None
     if state is not None:

@@ -80,17 +80,18 @@ class Sim2Sim:
         def act(number: int, parameters: np.ndarray) -> np.ndarray:
             return self.policy.act(parameters, uniform[:, number])
 
+        def play(pairs: np.ndarray | slice, actions: np.ndarray) -> np.ndarray:
+            return finite(*machine(truth[pairs], actions))
+
         def measure(number: int, actions: np.ndarray) -> np.ndarray:
-            measured[:, number] = finite(*machine(truth, actions))
+            measured[:, number] = play(slice(None), actions)
             return observation_noise.apply(self.noise, measured[:, number, None], noise, number)[:, 0]
 
         walk = run_rounds(
             identifier, self.rounds, act=act, simulate=simulate, measure=measure, on_round=on_round
         )
         estimates = np.concatenate([source[:, None], walk.estimates], axis=1)
-        actions, simulated, measured = self._judged(
-            walk, estimates, measured, truth, uniform, simulate=simulate, machine=machine
-        )
+        actions, simulated, measured = self._judged(walk, estimates, measured, uniform, simulate, play)
         distance = np.linalg.norm(simulated - measured, axis=-1).sum(axis=-1)
         arrays = {
             "estimates": estimates,
@@ -103,12 +104,11 @@ class Sim2Sim:
             arrays["success"] = flat.reshape(distance.shape)
         return arrays
 
-    def _judged(
-        self, walk: Walk, estimates, measured, truth, uniform, *, simulate: Simulate, machine: Simulate
-    ):
+    def _judged(self, walk: Walk, estimates, measured, uniform, simulate: Simulate, play: Callable):
         """Action, simulated and measured trajectory of every estimate (pair, round, ...), without noise.
 
         The estimate after some rounds is what most identifiers ask for in the next: then these are that round's.
+        play(pairs, actions) -> measured.
         """
         rounds = walk.rounds
         asked = np.concatenate([rounds.parameters, np.full_like(estimates[:, :1], np.nan)], axis=1)
@@ -121,7 +121,7 @@ class Sim2Sim:
         chosen = self.policy.act(parameters, uniform[pair, number])
         actions[pair, number] = chosen
         simulated[pair, number] = finite(*simulate(parameters, chosen))
-        measured[pair, number] = finite(*machine(truth[pair], chosen))
+        measured[pair, number] = play(pair, chosen)
         return actions, simulated, measured
 
     def _uniform(self) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from capture_cli.estimate.initial_states.nominal_motion import nominal_motion
 from capture_cli.estimate.log_windows import clock
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.split import NewSplit
 from capture_cli.log.input_sequences import LoggedInputs
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import Windows
@@ -61,21 +62,74 @@ class Tapes:
     left_out: int = 0
 
 
+@dataclass(frozen=True)
+class LogWindows:
+    """The windows of the log at `path`; max_log_size: its bytes in memory."""
+
+    path: Path
+    max_log_size: int | None = None
+
+    def tapes(self, machine: Task, point_times: np.ndarray, window: float, seed: int) -> Tapes:
+        """As long as `window` s."""
+        log = MeasuredLog.read(self.path, self.max_log_size)
+        return log_tapes(prepare(log, machine, window=window, split=NewSplit(seed=seed)), point_times)
+
+
+@dataclass(frozen=True)
+class Multisines:
+    """Windows of the nominal machine driven by multisines in `band` Hz that peak at `amplitude`, by input."""
+
+    amplitude: Mapping[str, float] = field(default_factory=dict)
+    band: tuple[float, float] = MULTISINE.band
+
+    def tapes(self, machine: Task, point_times: np.ndarray, window: float, seed: int) -> Tapes:
+        """From rest; activations of actuators begin at 0. As long as `window` s, which the last of the points is at."""
+        check_amplitude(machine, self.amplitude)
+        check_above_zero(machine, self.amplitude, "the actuator does")
+        check_band(self.band)
+        generator = np.random.default_rng(seed)
+        steps = round(point_times[-1] / machine.timestep) + 1
+        time = machine.timestep * np.arange(SETTINGS.long * steps)
+        farthest = peaks(machine, self.amplitude)
+        inputs = np.stack(
+            [
+                multisine_sequence(machine, time, farthest, self.band, generator)
+                for _ in range(SETTINGS.episodes)
+            ]
+        )
+        rollouts = nominal_motion(machine, machine.controls(inputs))
+        sound = np.flatnonzero(~rollouts.diverged)
+        if not sound.size:
+            raise FitError(
+                f"task {machine.name!r} diverges when it is driven by multisines",
+                cure="drive it less (--amplitude), or take the inputs of a log (--inputs-from)",
+            )
+        episode = np.repeat(sound, SETTINGS.windows)
+        first = generator.integers(0, len(time) - steps, len(episode))
+        points = first[:, None] + np.rint(point_times / machine.timestep).astype(int)
+        count = len(episode)
+        starts = Starts(
+            rollouts.qpos[episode, first],
+            rollouts.qvel[episode, first],
+            np.zeros((count, machine.model.na)),
+            np.zeros(count),
+        )
+        driven = inputs[episode[:, None], first[:, None] + np.arange(steps)]
+        outputs = rollouts.sensors[episode[:, None], points][..., [c.index for c in machine.outputs]]
+        tapes = into_range(machine, resample(driven, machine.timestep, point_times))
+        return Tapes(actions_of(starts, tapes), outputs)
+
+
 def sequence_task(
     machine: Task,
+    actions: LogWindows | Multisines | None = None,
     *,
-    inputs_from: Path | None = None,
     window: float | None = None,
     points: int = SETTINGS.points,
-    amplitude: Mapping[str, float] | None = None,
-    band: tuple[float, float] | None = None,
-    max_log_size: int | None = None,
     seed: int = 0,
 ) -> SequenceTask:
-    """`machine` as a task of actions: windows of `window` s (the task's own where None), read at `points` points.
-
-    Its actions are the windows of the log `inputs_from`; without one, windows of the nominal machine driven by
-    multisines in `band` Hz that peak at `amplitude`. max_log_size: bytes of the log in memory. Raises CaptureError.
+    """`machine` as a task of such actions, multisines where None: windows of `window` s (the task's own where None),
+    read at `points` points. Raises CaptureError.
     """
     window = window if window is not None else machine.log.window
     if window is None or not machine.timestep * (points - 1) <= window < np.inf:
@@ -87,17 +141,7 @@ def sequence_task(
     if points < 2:
         raise OptionError(f"--points {points}", cure="give at least 2")
     point_times = machine.timestep * np.rint(np.linspace(0, window, points) / machine.timestep)
-    if inputs_from is not None:
-        for option, given in (("amplitude", amplitude), ("band", band)):
-            if given:
-                raise OptionError(
-                    f"--{option} means nothing: the actions are the windows of {inputs_from}",
-                    cure="leave it out",
-                )
-        log = MeasuredLog.read(inputs_from, max_log_size)
-        tapes = log_tapes(prepare(log, machine, window=window, test=None, seed=seed), point_times)
-    else:
-        tapes = _multisine_tapes(machine, point_times, amplitude or {}, band or MULTISINE.band, seed)
+    tapes = (actions or Multisines()).tapes(machine, point_times, window, seed)
     scale = tapes.outputs.std(axis=(0, 1))
     # in single precision, so that the last bits of a least-squares fit do not make another library elsewhere
     library = np.float32(tapes.actions).astype(float)
@@ -203,44 +247,3 @@ def _at(times: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
     before = np.clip(np.searchsorted(time, times, side="right") - 1, 0, len(time) - 2)
     weight = ((times - time[before]) / (time[before + 1] - time[before]))[:, None]
     return (1 - weight) * values[before] + weight * values[before + 1]
-
-
-def _multisine_tapes(
-    machine: Task,
-    point_times: np.ndarray,
-    amplitude: Mapping[str, float],
-    band: tuple[float, float],
-    seed: int,
-) -> Tapes:
-    """Windows of the nominal machine, driven by multisines from rest; activations of actuators begin at 0."""
-    check_amplitude(machine, amplitude)
-    check_above_zero(machine, amplitude, "the actuator does")
-    check_band(band)
-    generator = np.random.default_rng(seed)
-    steps = round(point_times[-1] / machine.timestep) + 1
-    time = machine.timestep * np.arange(SETTINGS.long * steps)
-    farthest = peaks(machine, amplitude)
-    inputs = np.stack(
-        [multisine_sequence(machine, time, farthest, band, generator) for _ in range(SETTINGS.episodes)]
-    )
-    rollouts = nominal_motion(machine, machine.controls(inputs))
-    sound = np.flatnonzero(~rollouts.diverged)
-    if not sound.size:
-        raise FitError(
-            f"task {machine.name!r} diverges when it is driven by multisines",
-            cure="drive it less (--amplitude), or take the inputs of a log (--inputs-from)",
-        )
-    episode = np.repeat(sound, SETTINGS.windows)
-    first = generator.integers(0, len(time) - steps, len(episode))
-    points = first[:, None] + np.rint(point_times / machine.timestep).astype(int)
-    count = len(episode)
-    starts = Starts(
-        rollouts.qpos[episode, first],
-        rollouts.qvel[episode, first],
-        np.zeros((count, machine.model.na)),
-        np.zeros(count),
-    )
-    driven = inputs[episode[:, None], first[:, None] + np.arange(steps)]
-    outputs = rollouts.sensors[episode[:, None], points][..., [c.index for c in machine.outputs]]
-    tapes = into_range(machine, resample(driven, machine.timestep, point_times))
-    return Tapes(actions_of(starts, tapes), outputs)

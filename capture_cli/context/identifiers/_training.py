@@ -97,19 +97,27 @@ class Judged:
     likelihood: float
 
 
+@dataclass(frozen=True)
+class TrainingHistories:
+    """As many `pairs` as `read` gives, of the signature's task."""
+
+    signature: Signature
+    read: Read
+    pairs: int
+
+
 class Trainer:
-    """Trains an identifier of class `kind` on the `pairs` histories that `read` gives."""
+    """Trains an identifier of class `kind` on histories."""
 
     def __init__(
         self,
         kind: type[LearnedIdentifier],
-        signature: Signature,
-        read: Read,
-        pairs: int,
+        histories: TrainingHistories,
         architecture: Architecture,
         settings: Settings,
         device: Device,
     ):
+        signature, read, pairs = histories.signature, histories.read, histories.pairs
         self.kind = kind
         self.signature = signature
         self.architecture = architecture

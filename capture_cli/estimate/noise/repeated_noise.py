@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.noise_floor import NoiseFloor, least_floor, shared, shared_source
 from capture_cli.estimate.noise.repeats import SETTINGS as REPEATS
 from capture_cli.estimate.noise.repeats import pure_error, repeats
@@ -26,7 +26,7 @@ def with_noise_of_repeats(
     if "repeats" not in prepared.noise.source:
         return prepared, 0
     fits = ModelFits(prepared, threads)
-    fit = fits.fit(prepared.part(~prepared.split.is_test), [], start, seed=seed)
+    fit = fits.fit(prepared.part(~prepared.split.is_test), [], start, effort=Effort(seed=seed))
     if fit is None:
         return prepared, fits.rollouts
     as_measured = np.zeros_like(prepared.starts.sd)

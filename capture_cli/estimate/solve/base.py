@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.estimate.solve.linearization import Evidence, Known, Linearization, Trial
+from capture_cli.estimate.solve.linearization import Evidence, Linearization, Trial
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,7 @@ class Identifier(AskTell):
     """Finds the parameters that `evidence` was made with.
 
     start: where to begin (parameter,), and offsets (window, state): with which offsets of the windows' starts (none
-    where None). known: sensitivities near there that need not be measured, if there are any.
-    rounds: at most so many ask / tell. Trials stay inside the space's bounds.
+    where None). rounds: at most so many ask / tell. Trials stay inside the space's bounds.
     """
 
     def __init__(
@@ -56,7 +55,6 @@ class Identifier(AskTell):
         *,
         start: np.ndarray,
         offsets: np.ndarray | None = None,
-        known: Known | None = None,
         seed: int = 0,
         rounds: int = 100,
         starts: int = 3,
@@ -65,7 +63,6 @@ class Identifier(AskTell):
         self.space = evidence.space
         self.start = np.clip(start, self.space.low, self.space.high)
         self.offsets = np.zeros_like(evidence.start_sd) if offsets is None else offsets
-        self.known = known
         self.seed = seed
         self.rounds_left = rounds
         self.starts = starts

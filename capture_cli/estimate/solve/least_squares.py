@@ -12,7 +12,7 @@ import numpy as np
 
 from capture_cli.estimate.solve._descent import Descent
 from capture_cli.estimate.solve.base import Best, Identifier
-from capture_cli.estimate.solve.linearization import Evidence, Linearization, Trial
+from capture_cli.estimate.solve.linearization import Evidence, Known, Linearization, Trial
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,23 @@ class LeastSquaresSettings:
 SETTINGS = LeastSquaresSettings()
 
 
+@dataclass(frozen=True)
+class GiveUp:
+    """When a descent is given up: where it stays far above `to_beat`, an error that is known to be possible, for
+    `patience` rounds; and where it does not promise to get to `needed`, an error above which the answer is of no use.
+    """
+
+    to_beat: float = np.inf
+    patience: int = SETTINGS.patience
+    needed: float = np.inf
+
+
 class LeastSquares(Identifier):
     """Least squares from `starts` places: the given start, then the best of a screening.
 
-    The screening is no round of its own. tolerance: a descent is done when its objective over k falls by less. to_beat:
-    an error that is known to be possible; a descent that stays far above it for `patience` rounds is given up. needed:
-    an error above which the answer is of no use; a descent that does not promise to get there is given up. measured:
-    whether sensitivities are to be measured where it ends.
+    The screening is no round of its own. tolerance: a descent is done when its objective over k falls by less.
+    measured: whether sensitivities are to be measured where it ends. known: sensitivities near the start that need not
+    be measured, if there are any.
     """
 
     summary = "Gauss-Newton from several places through the simulator"
@@ -43,18 +53,16 @@ class LeastSquares(Identifier):
         evidence: Evidence,
         *,
         tolerance: float = SETTINGS.converged_gain,
-        to_beat: float = np.inf,
-        patience: int = SETTINGS.patience,
-        needed: float = np.inf,
+        give_up: GiveUp = GiveUp(),
         measured: bool = True,
+        known: Known | None = None,
         **options,
     ):
         super().__init__(evidence, **options)
         self.tolerance = tolerance
-        self.to_beat = to_beat
-        self.patience = patience
-        self.needed = needed
+        self.give_up = give_up
         self.measured = measured
+        self.known = known
         self._screening = self.starts > 1 and len(self.space) > 0
         self._descents = [] if self._screening else [self._descent(self.space.to_unit(self.start))]
         self._asked: list[tuple[Descent, int]] = []
@@ -135,14 +143,16 @@ class LeastSquares(Identifier):
 
     def _drop_hopeless(self) -> None:
         best = self.best
-        possible = min(best.error, self.to_beat)
+        possible = min(best.error, self.give_up.to_beat)
         for descent in self._active():
-            beaten = descent.rounds >= self.patience and descent.expected > SETTINGS.hopeless * possible
+            beaten = (
+                descent.rounds >= self.give_up.patience and descent.expected > SETTINGS.hopeless * possible
+            )
             beaten |= (
                 descent.rounds >= SETTINGS.long_patience and descent.error > SETTINGS.hopeless * possible
             )
             beaten |= not descent.would_reach(possible, self.rounds_left)
-            beaten |= descent.falls_short_of(self.needed)
+            beaten |= descent.falls_short_of(self.give_up.needed)
             descent.given_up |= beaten
             close = np.abs(descent.x - self.space.to_unit(best.parameters)).max(initial=0.0) < 1e-3
             if beaten or (close and descent.best.error > best.error):

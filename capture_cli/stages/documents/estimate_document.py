@@ -14,6 +14,7 @@ from capture_cli.context.identifiers.base import Rounds
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.held_out import held_out
+from capture_cli.estimate.model_fits import Effort
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_of_fit
 from capture_cli.estimate.noise.time_stamp_jitter import time_stamp_jitter
 from capture_cli.estimate.part_fit import PartFit
@@ -146,9 +147,7 @@ class Report:
                 [],
                 self.best.parameters,
                 offsets=self.result.at.offsets[which],
-                rounds=12,
-                tolerance=LEAST_SQUARES.converged_gain,
-                seed=self.seed,
+                effort=Effort(rounds=12, tolerance=LEAST_SQUARES.converged_gain, seed=self.seed),
             )
             if own is None:
                 continue

@@ -123,7 +123,7 @@ class EarlierEstimate:
             return chosen
         arrays, new = self.estimate.arrays, self.new(windows)
         before = EarlierSplit(arrays["window/first"], arrays["window/is_test"], "")
-        is_test = before.split(windows.first, windows.samples).is_test & ~new
+        is_test = before.held_in(windows.first, windows.samples) & ~new
         # of a single episode its end was held out: it counts as the part of an episode that it is
         held = sum(is_test[windows.episode == episode].mean() for episode in np.unique(windows.episode[~new]))
         for episode in np.unique(windows.episode[new]):
