@@ -242,6 +242,17 @@ def test_functions_take_few_arguments():
     assert not many
 
 
+def test_documents_are_read_as_records():
+    """Who reads or writes one knows its keys; all others ask a record of it."""
+    keyed = [
+        f"{module}:{node.lineno}"
+        for module, tree in trees().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Subscript) and getattr(node.value, "id", "") == "document"
+    ]
+    assert not [place for place in keyed if not place.startswith("store.")]
+
+
 def test_numbers_stand_in_settings():
     loose = []
     for module, tree in trees().items():

@@ -283,8 +283,8 @@ def test_noise_by_which_training_was_scaled_grows_with_what_is_measured(scooping
     checkpoint = load_identifier(scooping / "c")
     floor = np.array([1e-3])
     assert checkpoint.noise_beyond(floor) is floor  # as it was trained without any
-    noisy = {**checkpoint.document["histories"], "noise": "scale"}
-    checkpoint = replace(checkpoint, document={**checkpoint.document, "histories": noisy})
+    noisy = {**checkpoint.record.histories, "noise": "scale"}
+    checkpoint = replace(checkpoint, record=replace(checkpoint.record, histories=noisy))
     had = 0.1 / np.sqrt(3) * checkpoint.model.normalisation.sizes
     assert checkpoint.noise_beyond(floor) == pytest.approx(np.sqrt(np.maximum(floor**2 - had**2, 0)))
     assert not checkpoint.noise_beyond(had.min(axis=0)).any()

@@ -22,7 +22,11 @@ from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectorie
 from typer.testing import CliRunner
 
 from capture_cli.cli.app import app
-from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier, save_identifier
+from capture_cli.context.checkpoints.identifier_checkpoint import (
+    load_identifier,
+    read_document,
+    save_identifier,
+)
 from capture_cli.context.identifiers import REGISTRY, _batches
 from capture_cli.context.identifiers._batches import Batches, Place, windows
 from capture_cli.context.identifiers._learned import LearnedIdentifier
@@ -126,10 +130,10 @@ def test_its_uncertainty_covers_the_target(trained, name):
 
 def test_what_is_read_is_what_was_written(trained, tmp_path):
     """However the arrays lay in memory."""
-    first = load_identifier(trained("posterior"))
-    model = first.model
+    folder = trained("posterior")
+    model = load_identifier(folder).model
     model.network = {name: np.asfortranarray(array) for name, array in model.network.items()}
-    save_identifier(model, dict(first.document), tmp_path)
+    save_identifier(model, read_document(folder), tmp_path)
     _, written = model.state()
     _, read = load_identifier(tmp_path).model.state()
     assert written.keys() == read.keys()

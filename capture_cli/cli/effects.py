@@ -32,13 +32,13 @@ def effects(options: EffectsOptions) -> None:
     """
     from capture_cli.stages.effects import describe
 
-    document = describe(options.task, options.name)
+    found = describe(options.task, options.name)
     if options.json_:
-        print_json(document)
+        print_json({"effects": found})
     else:
         from capture_cli.report.listing import print_effect, print_effects
 
         if options.name is None:
-            print_effects(document, console())
+            print_effects(found, console())
         else:
-            print_effect(document["effects"][0], console())
+            print_effect(found[0], console())

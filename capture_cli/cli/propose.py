@@ -21,6 +21,7 @@ def propose(options: ProposeOptions) -> None:
     from capture_cli.common.json_text import json_text
     from capture_cli.stages.propose import propose as stage
     from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_misnamed
+    from capture_cli.store.proposal import ProposalRecord
 
     out, csv, force = options.out, options.csv, options.force
     for file, option, ending in ((out, "--out", ".json"), (csv, "--csv", ".csv")):
@@ -41,8 +42,9 @@ def propose(options: ProposeOptions) -> None:
                 file.write_text(text, encoding="utf-8")
     if out is None:
         print_json(document)
-    print(document["text"], file=sys.stderr)
-    for line in _predicted(document.get("predicted") or {}):
+    proposal = ProposalRecord.of(document)
+    print(proposal.text, file=sys.stderr)
+    for line in _predicted(proposal.predicted or {}):
         print(line, file=sys.stderr)
 
 

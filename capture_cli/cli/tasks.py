@@ -24,10 +24,10 @@ def tasks(options: TasksOptions) -> None:
     """
     from capture_cli.stages.tasks import describe
 
-    document = describe(options.task)
+    found = describe(options.task)
     if options.json_:
-        print_json(document)
+        print_json({"tasks": found})
     else:
         from capture_cli.report.listing import print_tasks
 
-        print_tasks(document, console())
+        print_tasks(found, console())

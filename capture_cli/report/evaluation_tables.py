@@ -16,7 +16,7 @@ from capture_cli.common.quantities import MISSING, significant
 from capture_cli.model.effects.placed import placed_name
 from capture_cli.report import paper_numbers
 from capture_cli.report.terminal import SETTINGS as TERMINAL
-from capture_cli.store.evaluation import EvaluationRecord
+from capture_cli.store.evaluation import EvaluationRecord, SuiteRecord
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,12 @@ def _blocks(rows: Rows, width: int) -> Iterator[list[int]]:
 
 def print_suite(document: Mapping[str, Any], console: Console, out_path: Path) -> None:
     """Print suite.json `document`, written to the directory `out_path`."""
-    for name, evaluation in document["cells"].items():
+    suite = SuiteRecord.of(document)
+    for name, evaluation in suite.cells.items():
         print_evaluation(evaluation, console, Path(out_path) / name)
-    if document["without"]:
-        console.print(f"no checkpoints for: {', '.join(document['without'])}", style="yellow")
-    for checkpoint in document.get("not_used", []):
+    if suite.without:
+        console.print(f"no checkpoints for: {', '.join(suite.without)}", style="yellow")
+    for checkpoint in suite.not_used:
         console.print(f"not used: {checkpoint}", style="yellow")
 
 

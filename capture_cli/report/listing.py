@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import groupby
 from operator import itemgetter
 from typing import Any
@@ -11,11 +12,11 @@ from rich.table import Table
 from rich.text import Text
 
 
-def print_tasks(document: dict[str, Any], console: Console) -> None:
+def print_tasks(tasks: Sequence[dict[str, Any]], console: Console) -> None:
     """One block per task."""
-    if not document["tasks"]:
+    if not tasks:
         console.print("There is no built-in task; name your own: capture tasks --task task.toml")
-    for task in document["tasks"]:
+    for task in tasks:
         window = f", windows of {task['window']:g} s" if task["window"] else ""
         step = f" (model step {task['timestep']:g} s{window})"
         console.print(Text.assemble((task["name"], "bold"), step))
@@ -28,9 +29,9 @@ def print_tasks(document: dict[str, Any], console: Console) -> None:
             console.print(f"{kind}: {channels or 'none'}")
 
 
-def print_effects(document: dict[str, Any], console: Console) -> None:
+def print_effects(listed: Sequence[dict[str, Any]], console: Console) -> None:
     """Under the place that they act on, each effect with what it is, its parameters and, of a task, its sites."""
-    for place, effects in groupby(document["effects"], key=itemgetter("place")):
+    for place, effects in groupby(listed, key=itemgetter("place")):
         table = _table(Text(place, style="bold"), "")
         for effect in effects:
             table.add_row(effect["name"], effect["summary"])

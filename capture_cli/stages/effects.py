@@ -8,8 +8,8 @@ from capture_cli.model.effects import REGISTRY, Entry, catalogue
 from capture_cli.model.tasks import load_task
 
 
-def describe(task: str | None, name: str | None = None) -> dict[str, Any]:
-    """{"effects": [...]}: each effect with its law and parameters; with a task, its sites and its ranges in that model.
+def describe(task: str | None, name: str | None = None) -> list[dict[str, Any]]:
+    """Each effect with its law and parameters; with a task, its sites and its ranges in that model.
 
     name: of the one that is asked for, where not all. Raises OptionError where there is none of that name.
     """
@@ -17,7 +17,7 @@ def describe(task: str | None, name: str | None = None) -> dict[str, Any]:
         REGISTRY.get(name)
     model = load_task(task).model if task else None
     entries = [entry for entry in catalogue(model) if name in (None, entry.name)]
-    return {"effects": [_one(entry, with_sites=task is not None) for entry in entries]}
+    return [_one(entry, with_sites=task is not None) for entry in entries]
 
 
 def _one(entry: Entry, *, with_sites: bool) -> dict[str, Any]:

@@ -9,13 +9,13 @@ from capture_cli.model.tasks import REGISTRY, load_task
 from capture_cli.model.tasks.base import Task
 
 
-def describe(task: str | None) -> dict[str, Any]:
-    """{"tasks": [...]}: every built-in task, or the one of `task`, with parameters, inputs and outputs."""
+def describe(task: str | None) -> list[dict[str, Any]]:
+    """Every built-in task, or the one of `task`, with parameters, inputs and outputs."""
     if task is None:
-        return {"tasks": [_one(cls()) for _, cls in REGISTRY.items()]}
+        return [_one(cls()) for _, cls in REGISTRY.items()]
     found = load_task(task)
     warn_of_wide_bounds(found)
-    return {"tasks": [_one(found)]}
+    return [_one(found)]
 
 
 def _one(task: Task) -> dict[str, Any]:

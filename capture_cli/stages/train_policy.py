@@ -228,13 +228,14 @@ class _Run:
     def finish(self, name: str, folder: Path) -> dict[str, Any]:
         """Write the policy, whose kind is `name`; returns policy.json."""
         policy = self.trainer.policy()
+        result = self._result(policy)
         about = {
             "effects": self.effects.rows(),
             "training": asdict(self.trainer.settings),
-            "result": self._result(policy),
+            "result": result,
         }
         document = save_policy(policy, name, folder, about)
-        _write_figure(self.metrics, document["result"], folder)
+        _write_figure(self.metrics, result, folder)
         return document
 
     def _result(self, policy: Policy) -> dict[str, Any]:

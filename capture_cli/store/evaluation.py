@@ -143,6 +143,15 @@ class EvaluationRecord(Keys):
     effects: Sequence[Row] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class SuiteRecord(Keys):
+    """suite.json: the evaluations by the names of their cells, cells without checkpoints, and checkpoints in none."""
+
+    cells: Rows
+    without: Sequence[str]
+    not_used: Sequence[str] = ()
+
+
 class Evaluation(Result):
     """evaluation.json and evaluation.zarr."""
 

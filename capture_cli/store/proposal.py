@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,22 @@ import numpy as np
 
 from capture_cli.common.documents import read_json
 from capture_cli.errors import OptionError
+from capture_cli.store.result import Keys, Rows
 
 FORMAT = "capture/proposal"
 VERSION = 1
 HEADER = ("format", "version", "task", "kind")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProposalRecord(Keys):
+    """proposal.json: an action by its components, or inputs by their names at the times `time_s`."""
+
+    text: str
+    action: Rows | None = None
+    time_s: Sequence[float] | None = None
+    inputs: Mapping[str, Sequence[float]] | None = None
+    predicted: Rows | None = None
 
 
 def read_action(path: Path, task: str, names: Sequence[str]) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from capture_cli.store.result import Keys, Row
@@ -9,19 +10,24 @@ from capture_cli.store.result import Keys, Row
 
 @dataclass(frozen=True, kw_only=True)
 class TrainedIdentifier(Keys):
-    """identifier.json, as reports read it."""
+    """identifier.json."""
 
     identifier: str
     task: str
     architecture: Row
     training: Row
+    histories: Row
     result: Row
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainedPolicy(Keys):
-    """policy.json, as reports read it."""
+    """policy.json."""
 
     policy: str
     task: str
-    result: Row
+    parameters: Sequence[str]
+    actions: Sequence[str]
+    bounds: Row
+    settings: Row
+    result: Row | None = None  # of one that `train-policy` wrote

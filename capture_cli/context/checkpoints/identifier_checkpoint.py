@@ -19,6 +19,7 @@ from capture_cli.store.document_shape import COUNT, EFFECTS, FEATURES, FLAG, NUM
 from capture_cli.store.provenance import write_json
 from capture_cli.store.result import DocumentKind, read_result
 from capture_cli.store.tensors import read_weights, save_arrays
+from capture_cli.store.trained import TrainedIdentifier
 
 if TYPE_CHECKING:
     from capture_cli.context.identifiers._learned import TrainedModel
@@ -94,23 +95,23 @@ EARLIER = {1: _of_no_effects, 2: _named_by_its_tokens}
 
 @dataclass(frozen=True)
 class IdentifierCheckpoint:
-    """identifier.json as a dict, the class it names, and the trained model: `kind(signature, start, model=model)`."""
+    """What identifier.json says, the class it names, and the trained model: `kind(signature, start, model=model)`."""
 
-    document: Mapping[str, Any]
+    record: TrainedIdentifier
     kind: type[RoundIdentifier]
     model: TrainedModel
 
     @property
     def name(self) -> str:
         """The identifier's public name."""
-        return self.document["identifier"]
+        return self.record.identifier
 
     def noise_beyond(self, noise_sd: np.ndarray) -> np.ndarray:
         """What noise_sd (feature,) adds to the noise that the histories had: (feature,) or (point, feature).
 
         Variances add up; noise below that of the histories adds nothing.
         """
-        histories = self.document["histories"]
+        histories = self.record.histories
         known = histories["noise_sd"]
         white = np.array([known.get(f.name, 0.0) for f in self.model.signature.features])
         scaled = observation_noise.white_sd(histories["noise"], self.model.normalisation.sizes)
@@ -121,7 +122,7 @@ class IdentifierCheckpoint:
         """`task` with the effects that its simulated trajectories were made with; of another task, which `check` tells,
         as it is. Raises CaptureError where the model has no place for one any more.
         """
-        rows = self.document["histories"]["effects"] if task.name == self.document["task"] else []
+        rows = self.record.histories["effects"] if task.name == self.record.task else []
         return task.with_effects(placed_effects(recorded_effects(rows, task, "gen-histories")))
 
     def check(self, signature: Signature, where: str | Path) -> None:
@@ -167,20 +168,19 @@ def load_identifier(path: str | Path, signature: Signature | None = None) -> Ide
 
     path = Path(path)
     document = read_document(path)
+    record = TrainedIdentifier.of(document)
     arrays = read_weights(path / WEIGHTS, _AGAIN, network="network.")
     try:
-        kind = round_identifier(document["identifier"])
+        kind = round_identifier(record.identifier)
         if not kind.needs_checkpoint:
-            raise ValueError(f"identifier {document['identifier']!r} learns nothing")
-        if kind.tokens not in (None, document["architecture"]["tokens"]):
-            raise ValueError(f"identifier {document['identifier']!r} has one token a {kind.tokens}")
-        observation_noise.check(
-            document["histories"]["noise"], (f["name"] for f in document["signature"]["features"])
-        )
+            raise ValueError(f"identifier {record.identifier!r} learns nothing")
+        if kind.tokens not in (None, record.architecture["tokens"]):
+            raise ValueError(f"identifier {record.identifier!r} has one token a {kind.tokens}")
         model = TrainedModel.from_state(document, arrays)
+        observation_noise.check(record.histories["noise"], [f.name for f in model.signature.features])
     except (KeyError, TypeError, ValueError, OptionError) as error:
         raise StoreError(f"{path} cannot be read: {type(error).__name__}: {error}", cure=_AGAIN) from error
-    found = IdentifierCheckpoint(document, kind, model)
+    found = IdentifierCheckpoint(record, kind, model)
     if signature is not None:
         found.check(signature, path)
     return found

@@ -19,6 +19,7 @@ from capture_cli.store.document_shape import BOUNDS, COUNT, EFFECTS, NUMBER, OBJ
 from capture_cli.store.provenance import write_json
 from capture_cli.store.result import DocumentKind, read_result
 from capture_cli.store.tensors import read_weights, save_arrays
+from capture_cli.store.trained import TrainedPolicy
 
 FORMAT, VERSION = "capture/policy", 2
 SETTINGS, WEIGHTS = "policy.json", "policy.safetensors"
@@ -98,29 +99,31 @@ def load_policy(name: str, task: ActionTask) -> Policy:
 
 
 def _from_checkpoint(path: Path, task: ActionTask) -> Policy:
-    settings = read_policy(path)
+    document = read_policy(path)
+    settings = TrainedPolicy.of(document)
     again = "train one for it with `train-policy`, or give the task it was made for"
-    if settings["task"] != task.name:
+    if settings.task != task.name:
         raise OptionError(
-            f"--policy {path} is for the task {settings['task']!r}, and this one is {task.name!r}", cure=again
+            f"--policy {path} is for the task {settings.task!r}, and this one is {task.name!r}", cure=again
         )
-    for kind, space in (("parameters", task.space), ("actions", task.actions)):
-        if list(space.names) != settings[kind]:
+    each = (("parameters", task.space, settings.parameters), ("actions", task.actions, settings.actions))
+    for kind, space, names in each:
+        if list(space.names) != names:
             raise OptionError(
-                f"--policy {path}: its {kind} are ({', '.join(settings[kind])}); "
+                f"--policy {path}: its {kind} are ({', '.join(names)}); "
                 f"those of {task.name!r} are ({', '.join(space.names)})",
                 cure=again,
             )
-        for name, bounds, known in zip(space.names, _bounds(space), settings["bounds"][kind], strict=True):
+        for name, bounds, known in zip(space.names, _bounds(space), settings.bounds[kind], strict=True):
             if bounds != known:
                 raise OptionError(
                     f"--policy {path} was made for {name} between {known[0]:g} and {known[1]:g}; "
                     f"that of {task.name!r} lies between {bounds[0]:g} and {bounds[1]:g}",
                     cure=again,
                 )
-    kind, weights = REGISTRY.get(settings["policy"]), read_policy_weights(path, settings)
+    kind, weights = REGISTRY.get(settings.policy), read_policy_weights(path, document)
     try:
-        return kind.from_state(task, settings["settings"], weights)
+        return kind.from_state(task, settings.settings, weights)
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise _apart(path, error) from error
 
@@ -131,12 +134,12 @@ def read_policy_weights(path: Path, document: Mapping[str, Any]) -> dict[str, np
     Raises StoreError where they are damaged, or not those of such a policy; of a kind that is unknown, where they are
     damaged.
     """
-    weights = read_weights(path / WEIGHTS, AGAIN)
-    if document["policy"] not in REGISTRY.names():
+    weights, trained = read_weights(path / WEIGHTS, AGAIN), TrainedPolicy.of(document)
+    if trained.policy not in REGISTRY.names():
         return weights
-    kind, sizes = REGISTRY.get(document["policy"]), (len(document["parameters"]), len(document["actions"]))
+    kind, sizes = REGISTRY.get(trained.policy), (len(trained.parameters), len(trained.actions))
     try:
-        shapes = kind.weight_shapes(document["settings"], weights, *sizes)
+        shapes = kind.weight_shapes(trained.settings, weights, *sizes)
         if shapes is not None:
             check_shapes(weights, shapes)
     except ValueError as error:

@@ -21,6 +21,7 @@ from capture_cli.errors import OptionError
 from capture_cli.estimate.solve.base import AskTell
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks.base import ActionTask
+from capture_cli.store.trained import TrainedIdentifier
 
 if TYPE_CHECKING:
     from capture_cli.context.identifiers._learned import TrainedModel
@@ -88,13 +89,13 @@ def checkpoints_in(folder: str | Path) -> list[Path]:
     return sorted(p.parent for p in Path(folder).rglob(DOCUMENT) if ".unfinished" not in str(p))
 
 
-def how_trained(document: Mapping[str, Any]) -> dict[str, Any]:
+def how_trained(trained: TrainedIdentifier) -> dict[str, Any]:
     """What identifier.json says of the options that are the PAPER's or not, and of the tokens."""
     return {
-        "search": document["histories"]["search"],
-        "history_rounds": document["histories"]["rounds"],
-        "window": document["architecture"]["window"],
-        "tokens": document["architecture"]["tokens"],
+        "search": trained.histories["search"],
+        "history_rounds": trained.histories["rounds"],
+        "window": trained.architecture["window"],
+        "tokens": trained.architecture["tokens"],
     }
 
 
@@ -127,14 +128,14 @@ def _load(text: str, task: ActionTask, spelled_out: Sequence[str], numbers: Mapp
             f"--identifier {text}: what was trained for {found.name!r} is of no use to {name!r}",
             cure=f"leave `{name}=` out, or train one with `capture train-sysid --identifier {name}`",
         )
-    document, name = found.document, name or found.name
+    trained, name = found.record, name or found.name
     facts = {
         "identifier": name,
         "checkpoint": path.name,
         "sha256": checkpoint_hash(path),
-        **how_trained(document),
-        "history_noise": document["histories"]["noise"],
-        "pairs_trained": document["result"]["pairs"]["trained"],
+        **how_trained(trained),
+        "history_noise": trained.histories["noise"],
+        "pairs_trained": trained.result["pairs"]["trained"],
     }
     effects = found.machine(task).effects
     if effects:

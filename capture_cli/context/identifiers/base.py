@@ -11,6 +11,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -68,13 +69,10 @@ class Signature:
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> Signature:
         """What `document` wrote."""
-        return cls(
-            document["task"],
-            ParameterSpace([Parameter(**p) for p in document["parameters"]]),
-            ParameterSpace([Parameter(**p) for p in document["actions"]]),
-            tuple(Feature(**f) for f in document["features"]),
-            np.array(document["point_times"], dtype=float),
-        )
+        keys = ("task", "parameters", "actions", "features", "point_times")
+        task, parameters, actions, features, times = itemgetter(*keys)(document)
+        spaces = (ParameterSpace([Parameter(**p) for p in rows]) for rows in (parameters, actions))
+        return cls(task, *spaces, tuple(Feature(**f) for f in features), np.array(times, dtype=float))
 
     def differences(self, other: Signature) -> list[str]:
         """How `other` differs, one line each: "the task 'a', and this is 'b'". Nominal values do not matter.

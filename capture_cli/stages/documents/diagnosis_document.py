@@ -102,8 +102,7 @@ def _document(
         "out_of_time": OUT_OF_TIME if found.out_of_time else None,
         "expression": None if found.expression is None else _expression(prepared, found.expression),
     }
-    document["summary"] = summary(DiagnosisRecord.of(document))
-    return document
+    return {**document, "summary": summary(DiagnosisRecord.of(document))}
 
 
 def _arrays(found: Explanation, curves: list[ResidualCurve]) -> dict[str, np.ndarray]:

@@ -30,9 +30,11 @@ from capture_cli.options.base import takes_options
 from capture_cli.options.eval_sim2sim import EvalSim2SimOptions
 from capture_cli.stages.evaluation.evaluation_run import carry_out, completed, kept_parts, time_left
 from capture_cli.store.document_shape import OBJECT, check_shape
+from capture_cli.store.evaluation import SuiteRecord
 from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.store.provenance import Provenance, write_json
 from capture_cli.store.result import DocumentKind, read_result
+from capture_cli.store.trained import TrainedIdentifier
 
 FORMAT, VERSION = "capture/evaluation-suite", 1
 WITHOUT_CHECKPOINT = ("domain-randomization", "compass")  # the paper's; others are named by --identifier
@@ -189,9 +191,10 @@ def _completed(out: Path, plans: dict[Cell, EvaluationPlan]) -> dict[str, Any]:
     again = "make it again with `capture eval-sim2sim --suite`"
     document = read_result(out, "suite.json", DocumentKind(FORMAT, VERSION, again))
     names = [cell.name for cell in plans]
-    if list(document["cells"]) != names:
+    cells = SuiteRecord.of(document).cells
+    if list(cells) != names:
         raise OptionError(
-            f"--resume: {out} holds {', '.join(document['cells'])}; asked for are {', '.join(names)}",
+            f"--resume: {out} holds {', '.join(cells)}; asked for are {', '.join(names)}",
             cure="give the options it was begun with, or begin anew with --force",
         )
     for cell, plan in plans.items():
@@ -212,7 +215,7 @@ def _cells(suite: str, task: str | None, only: Sequence[str]) -> list[Cell]:
     return [c for c in cells.values() if not only or c.name in only]
 
 
-def _found(given: Sequence[str]) -> tuple[list[str], list[tuple[Path, Mapping[str, Any]]]]:
+def _found(given: Sequence[str]) -> tuple[list[str], list[tuple[Path, TrainedIdentifier]]]:
     """Names, and checkpoint directories with their identifier.json."""
     names, checkpoints = list(WITHOUT_CHECKPOINT), []
     for text in given:
@@ -223,30 +226,30 @@ def _found(given: Sequence[str]) -> tuple[list[str], list[tuple[Path, Mapping[st
                     f"--identifier {text} holds no {DOCUMENT}",
                     cure="give a folder that `train-sysid` wrote to",
                 )
-            checkpoints += [(path, read_document(path)) for path in inside]
+            checkpoints += [(path, TrainedIdentifier.of(read_document(path))) for path in inside]
         else:
             REGISTRY.get(text, untrained)
             names += [] if text in names else [text]
     return names, checkpoints
 
 
-def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, Mapping[str, Any]]]) -> list[str]:
+def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, TrainedIdentifier]]) -> list[str]:
     """What to give to `--identifier` for the cell; nothing where no checkpoint is for it."""
-    own = [(path, d) for path, d in checkpoints if d["task"] == cell.task]
+    own = [(path, d) for path, d in checkpoints if d.task == cell.task]
     if cell.varied:
         return [path for name in DISTILLED for path in _ablated(cell.varied, name, own)]
     chosen = [(p, d) for p, d in own if _others(d, "search") <= _own_window(d)]
     chosen.sort(key=lambda found: _place(found[1]))
-    refined = [str(p) for p, d in chosen if d["identifier"] == REFINED]
-    trained_so = any(d["identifier"] == UNREFINED for _, d in chosen)
+    refined = [str(p) for p, d in chosen if d.identifier == REFINED]
+    trained_so = any(d.identifier == UNREFINED for _, d in chosen)
     unrefined = [] if trained_so else [f"{UNREFINED}={path}" for path in refined[:1]]
     others = [str(p) for p, _ in chosen if str(p) not in refined]
     return [*names, *others, *unrefined, *refined] if chosen else []
 
 
-def _ablated(varied: str, name: str, own: list[tuple[Path, Mapping[str, Any]]]) -> list[str]:
+def _ablated(varied: str, name: str, own: list[tuple[Path, TrainedIdentifier]]) -> list[str]:
     """The checkpoints of the identifier `name` that differ in `varied` alone, where there are several."""
-    chosen = [(p, d) for p, d in own if d["identifier"] == name and not _others(d, varied)]
+    chosen = [(p, d) for p, d in own if d.identifier == name and not _others(d, varied)]
     chosen.sort(key=lambda found: how_trained(found[1])[varied])
     return [str(p) for p, _ in chosen] if len(chosen) > 1 else []
 
@@ -255,47 +258,47 @@ def _not_used(
     suite: str,
     cells: Sequence[Cell],
     asked: Mapping[Cell, EvalSim2SimOptions],
-    checkpoints: list[tuple[Path, Mapping[str, Any]]],
+    checkpoints: list[tuple[Path, TrainedIdentifier]],
 ) -> list[str]:
     """Checkpoints that no cell takes, and why; not those of tasks of the suite that were not asked for."""
     taken = {text for options in asked.values() for text in options.identifiers}
     left_alone = {c.task for c in SUITES[suite]} - {c.task for c in cells}
     return [
-        f"{path} ({_why_not(document, cells)})"
-        for path, document in checkpoints
-        if str(path) not in taken and document["task"] not in left_alone
+        f"{path} ({_why_not(trained, cells)})"
+        for path, trained in checkpoints
+        if str(path) not in taken and trained.task not in left_alone
     ]
 
 
-def _why_not(document: Mapping[str, Any], cells: Sequence[Cell]) -> str:
+def _why_not(trained: TrainedIdentifier, cells: Sequence[Cell]) -> str:
     """Why a checkpoint is in no cell."""
-    if document["task"] not in {c.task for c in cells}:
-        return f"of the task {document['task']!r}"
-    facts, unlike = how_trained(document), _others(document, "search") - _own_window(document)
+    if trained.task not in {c.task for c in cells}:
+        return f"of the task {trained.task!r}"
+    facts, unlike = how_trained(trained), _others(trained, "search") - _own_window(trained)
     if not unlike:
         return f"the ablations asked for compare several of {' or of '.join(DISTILLED)}"
     said = [f"{FACTS[name]} {facts[name]}, in the paper {PAPER[name]}" for name in PAPER if name in unlike]
     return f"{'; '.join(said)}; an ablation takes several of {' or of '.join(DISTILLED)} that differ in one such alone"
 
 
-def _place(document: Mapping[str, Any]) -> tuple[int, int]:
+def _place(trained: TrainedIdentifier) -> tuple[int, int]:
     """Where in a table: as in the paper's, what is ours below."""
-    name, search = document["identifier"], document["histories"]["search"]
+    name, search = trained.identifier, trained.histories["search"]
     return (
         ORDER.index(name) if name in ORDER else len(ORDER),
         SEARCHES.index(search) if search in SEARCHES else len(SEARCHES),
     )
 
 
-def _others(document: Mapping[str, Any], varied: str) -> set[str]:
+def _others(trained: TrainedIdentifier, varied: str) -> set[str]:
     """In what a checkpoint differs from the paper's, besides `varied`."""
-    facts = how_trained(document)
+    facts = how_trained(trained)
     return {name for name, value in PAPER.items() if name != varied and facts[name] != value}
 
 
-def _own_window(document: Mapping[str, Any]) -> set[str]:
+def _own_window(trained: TrainedIdentifier) -> set[str]:
     """The window is no difference where the identifier has one of its own."""
-    kind = REGISTRY.get(document["identifier"])
+    kind = REGISTRY.get(trained.identifier)
     return {"window"} if kind.fixed_window is not None or kind.default_window is None else set()
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from capture_cli.errors import OptionError
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.stages.recorded.proposed_machine import proposed_machine
+from capture_cli.store.proposal import ProposalRecord
 
 
 def proposal_csv(document: Mapping[str, Any], result: Path, task: str | None = None) -> str:
@@ -18,13 +19,14 @@ def proposal_csv(document: Mapping[str, Any], result: Path, task: str | None = N
 
     Raises CaptureError.
     """
+    proposal = ProposalRecord.of(document)
     machine, _ = proposed_machine(Path(result), task)
     if isinstance(machine, ActionTask):
-        values = {f"action.{name}": [action["value"]] for name, action in document["action"].items()}
+        values = {f"action.{name}": [action["value"]] for name, action in proposal.action.items()}
     else:
-        values = {machine.log.time: [t / machine.log.time_scale for t in document["time_s"]]}
+        values = {machine.log.time: [t / machine.log.time_scale for t in proposal.time_s]}
         for channel in machine.inputs:
-            own = [(u - channel.offset) / channel.scale for u in document["inputs"][channel.name]]
+            own = [(u - channel.offset) / channel.scale for u in proposal.inputs[channel.name]]
             if values.setdefault(channel.column, own) != own:
                 raise OptionError(
                     f"--csv: column {channel.column!r} drives several inputs, and what is proposed for them differs",

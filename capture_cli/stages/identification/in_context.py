@@ -147,7 +147,7 @@ class InContext:
     @property
     def other_model(self) -> bool:
         """Whether the histories were of another model, as far as that is known."""
-        return is_of_another(self.checkpoint.document["histories"], self.logged.task.model)
+        return is_of_another(self.checkpoint.record.histories, self.logged.task.model)
 
     @property
     def in_family(self) -> bool:

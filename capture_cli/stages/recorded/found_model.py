@@ -27,13 +27,14 @@ MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
 @dataclass(frozen=True)
 class FoundModel:
     """values (parameter,): of the task's parameters. effects: those of a diagnosis, and the terms of its formula, with
-    which all values then are. document: of the estimate or the diagnosis.
+    which all values then are. document: of the estimate or the diagnosis, which `command` made.
     """
 
     task: Task
     values: np.ndarray
     effects: WithValues
     document: Mapping[str, Any]
+    command: str
 
     @classmethod
     def read(cls, result: Path, task: str | None = None) -> FoundModel:
@@ -55,12 +56,7 @@ class FoundModel:
         values = declared_values(found["parameters"], machine.space, str(result), command)
         effects = recorded_effects(found["effects"], machine, command)
         effects |= _terms(expression.get("terms", []), machine, command)
-        return cls(machine, values, effects, found)
-
-    @property
-    def command(self) -> str:
-        """That made it."""
-        return MADE_BY[self.document["format"]]
+        return cls(machine, values, effects, found, command)
 
 
 def _read(result: Path) -> Mapping[str, Any]:

@@ -20,11 +20,9 @@ def is_diagnosis(folder: Path) -> bool:
 def proposed_machine(folder: Path, task: str | None) -> tuple[Task, str]:
     """The task of the result in `folder`, `task` where that is given, and where its log was. Raises CaptureError."""
     kind: type[Result] = Diagnosis if is_diagnosis(folder) else Estimate
-    document = kind.read_document(folder)
-    provenance, log = read_provenance(folder, kind.CURE), document["log"]["path"]
+    record = kind.RECORD.of(kind.read_document(folder))
+    provenance, log = read_provenance(folder, kind.CURE), record.log["path"]
     machine = load_recorded(folder, provenance, task, log)
     if kind is Estimate:  # that of a diagnosis is the declared one, beside which its effects are judged
-        machine = machine.with_effects(
-            placed_effects(recorded_effects(document["effects"], machine, "identify"))
-        )
+        machine = machine.with_effects(placed_effects(recorded_effects(record.effects, machine, "identify")))
     return machine, log
