@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, get_args, get_type_hints
 
 import typer
@@ -17,15 +16,6 @@ UsageError = (
 )  # of the library that reads options, which typer does not give a name
 
 
-@dataclass(frozen=True)
-class WrongUsageSettings:
-    largest_whole: int = 2**31 - 1  # of what is counted
-    shown: int = 60  # characters of what was found
-
-
-SETTINGS = WrongUsageSettings()
-
-
 def wrong_usage(error: UsageError, arguments: Sequence[str]) -> OptionError:
     """What is wrong with the `arguments` of a command, of which the library that reads options says `error`."""
     number = _wrong_number(error, arguments) if isinstance(error, typer.BadParameter) else None
@@ -34,6 +24,7 @@ def wrong_usage(error: UsageError, arguments: Sequence[str]) -> OptionError:
 
 def check_numbers(context: typer.Context) -> None:
     """Raise OptionError where an option is a number that no work ends with: not finite, or too large."""
+    largest_whole = 2**31 - 1  # of what is counted
     for param in context.command.params:
         given = context.params.get(param.name)
         for value in given if isinstance(given, list | tuple) else (given,):
@@ -44,12 +35,12 @@ def check_numbers(context: typer.Context) -> None:
                 )
             if (
                 isinstance(value, int)
-                and value > SETTINGS.largest_whole
+                and value > largest_whole
                 and param.name not in ("seed", "max_log_size")
             ):
                 raise OptionError(
                     f"{param.opts[0]} {_short(str(value))}",
-                    cure=f"give a whole number of {SETTINGS.largest_whole} at most",
+                    cure=f"give a whole number of {largest_whole} at most",
                 )
 
 
@@ -84,7 +75,8 @@ def _wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> Option
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= SETTINGS.shown else f"{text[: SETTINGS.shown]}... ({len(text)} characters)"
+    shown = 60  # characters of what was found
+    return text if len(text) <= shown else f"{text[:shown]}... ({len(text)} characters)"
 
 
 _NUMBERS = {int: "whole number", float: "number"}

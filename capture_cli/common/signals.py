@@ -12,22 +12,9 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
-
-
-@dataclass(frozen=True)
-class SignalsSettings:
-    # s after a signal in which no other is heeded: `timeout` sends it twice, people press Ctrl-C until
-    # something happens, and a second one would end the clearing up
-    deaf: float = 10.0
-    soon: float = 0.05  # s
-    parent_death_signal: int = 1  # PR_SET_PDEATHSIG of prctl
-
-
-SETTINGS = SignalsSettings()
 
 
 def heed_signals() -> list[int]:
@@ -37,24 +24,29 @@ def heed_signals() -> list[int]:
     an object is freed, comes again.
     """
     received: list[int] = []
-    last = -SETTINGS.deaf
+    # s after a signal in which no other is heeded: `timeout` sends it twice, people press Ctrl-C until
+    # something happens, and a second one would end the clearing up
+    deaf = 10.0
+    last = -deaf
 
     def interrupt(number: int, _frame: FrameType | None) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last < SETTINGS.deaf:
+        if now - last < deaf:
             return
         last = now
         received.append(number)
         raise KeyboardInterrupt
+
+    soon = 0.05  # s
 
     def unraisable(swallowed: sys.UnraisableHookArgs) -> None:
         nonlocal last
         if not (received and swallowed.exc_type is KeyboardInterrupt):
             shown(swallowed)
             return
-        last = -SETTINGS.deaf
-        threading.Timer(SETTINGS.soon, os.kill, (os.getpid(), received[-1])).start()
+        last = -deaf
+        threading.Timer(soon, os.kill, (os.getpid(), received[-1])).start()
 
     for number in ENDING:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
@@ -87,8 +79,9 @@ def end_with_parent(parent: int) -> None:
     """
     import ctypes
 
+    parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl
     try:
-        ctypes.CDLL(None).prctl(SETTINGS.parent_death_signal, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(parent_death_signal, signal.SIGKILL)
     except (AttributeError, OSError, TypeError):
         return
     if os.getppid() != parent:

@@ -11,15 +11,6 @@ from capture_cli.estimate.prepared_log import PreparedLog
 
 
 @dataclass(frozen=True)
-class ExtrapolationSettings:
-    beyond: float = 0.1  # of the range that was fitted: less is where any two parts of a log differ
-    mostly: float = 0.5  # of the squared error that was held out: with less something else differs as well
-
-
-SETTINGS = ExtrapolationSettings()
-
-
-@dataclass(frozen=True)
 class Beyond:
     """The output (its number) by which held-out windows leave the fitted range [low, high] as far as `reached`.
 
@@ -63,9 +54,11 @@ def _beyond(output: int, fitted, low: np.ndarray, high: np.ndarray, squares: np.
     if least > most:
         return None  # it was never sampled where it was fitted
     below, above = least - low[:, output], high[:, output] - most
-    leaves = np.maximum(below, above) > SETTINGS.beyond * (most - least)
+    beyond = 0.1  # of the range that was fitted: less is where any two parts of a log differ
+    leaves = np.maximum(below, above) > beyond * (most - least)
     share = float(squares[leaves].sum() / squares.sum())
-    if not share > SETTINGS.mostly:  # nor is it where the simulation runs away and there is no error
+    mostly = 0.5  # of the squared error that was held out: with less something else differs as well
+    if not share > mostly:  # nor is it where the simulation runs away and there is no error
         return None
     reached = low[:, output].min() if below.max() > above.max() else high[:, output].max()
     return Beyond(output, least, most, float(reached), share)

@@ -27,15 +27,6 @@ from capture_cli.model.tasks.base import Task
 
 
 @dataclass(frozen=True)
-class PrepareSettings:
-    # half a window within these: over how long repeats are compared
-    repeated_samples: tuple[int, int] = (16, 100)
-
-
-SETTINGS = PrepareSettings()
-
-
-@dataclass(frozen=True)
 class Excerpt:
     """Some windows of a log, by their numbers (window,), and the step of differences, which is known."""
 
@@ -68,11 +59,13 @@ def prepare(
     windows = cut_log(log, task, duration)
     if excerpt is not None:
         windows = windows.rows(excerpt.windows)
+    # half a window within these: over how long repeats are compared
+    repeated_samples = (16, 100)
     noise = noise_floor(
         log.samples,
         [c.noise_sd for c in task.outputs],
         driven_by=driven_by(log),
-        block=int(np.clip(np.median(windows.samples) / 2, *SETTINGS.repeated_samples)),
+        block=int(np.clip(np.median(windows.samples) / 2, *repeated_samples)),
         attitudes=attitudes(task),
     )
     check_changes(log, task, noise.sd)

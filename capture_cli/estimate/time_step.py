@@ -24,18 +24,6 @@ FINER = "finer-time-step"
 
 
 @dataclass(frozen=True)
-class TimeStepSettings:
-    # of a value, or of its range where that is larger by ten times: less is nobody's concern
-    material: float = 0.003
-    as_well: float = 9.0  # of the objective over k: no worse by more, a window is explained as well
-    most_windows: float = 0.75  # of those simulated have to be
-    sure: float = 2.0  # sd of the estimate: less is lost in them
-
-
-SETTINGS = TimeStepSettings()
-
-
-@dataclass(frozen=True)
 class ShorterStep:
     """point (parameter,): about where the parameters would be in steps of `finer` s, the model's being `step` s.
 
@@ -69,12 +57,14 @@ def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals)
     if there is None:
         return None
     k, worse = at.scatter, FIT.as_good
+    as_well = 9.0  # of the objective over k: no worse by more, a window is explained as well
+    most_windows = 0.75  # of those simulated have to be
     if at.evidence.rough:
         led = _in_steps_of(fits, part, _led(fit, there, k), finer)
         if led is None:
             return None
-        keep = np.flatnonzero(led.objectives(k) <= at.objectives(k) + SETTINGS.as_well * k)
-        if len(keep) < SETTINGS.most_windows * len(part.windows):
+        keep = np.flatnonzero(led.objectives(k) <= at.objectives(k) + as_well * k)
+        if len(keep) < most_windows * len(part.windows):
             return None
         at, there, worse = at.windows(keep), there.windows(keep), -FIT.as_good
     left, begin = _lowest(at, k)
@@ -83,9 +73,10 @@ def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals)
         return None
     change = (end - begin) * fit.space.span
     size = np.maximum(np.abs(fit.point), 0.1 * fit.space.span)
-    concerns = found.identifiable & (
-        np.abs(change) > np.maximum(SETTINGS.material * size, SETTINGS.sure * found.sd)
-    )
+    # of a value, or of its range where that is larger by ten times: less is nobody's concern
+    material = 0.003
+    sure = 2.0  # sd of the estimate: less is lost in them
+    concerns = found.identifiable & (np.abs(change) > np.maximum(material * size, sure * found.sd))
     moved = [int(i) for i in np.argsort(-np.abs(change) / size) if concerns[i]]
     point = np.clip(fit.point + change, fit.space.low, fit.space.high)
     step = float(model.opt.timestep)

@@ -2,19 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.log.windows import SETTINGS as WINDOWS_SETTINGS
-
-
-@dataclass(frozen=True)
-class ShorterWindowSettings:
-    windows: int = 4  # in the longest episode, so that some can be held out
-
-
-SETTINGS = ShorterWindowSettings()
 
 
 def fitting_window(duration: float, samples: int) -> float | None:
@@ -24,7 +14,8 @@ def fitting_window(duration: float, samples: int) -> float | None:
     """
     if not duration > 0:
         return None
-    longest = duration / SETTINGS.windows
+    windows = 4  # in the longest episode, so that some can be held out
+    longest = duration / windows
     power = np.floor(np.log10(longest))
     window = float(f"{np.floor(longest / 10**power)}e{power:.0f}")
     return window if window * (samples - 1) >= WINDOWS_SETTINGS.fewest_in_window * duration else None

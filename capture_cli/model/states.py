@@ -9,14 +9,6 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class StatesSettings:
-    dependent: float = 1e-6  # of the largest singular value: a move that constraints do not let be
-
-
-SETTINGS = StatesSettings()
-
-
-@dataclass(frozen=True)
 class Starts:
     """Initial states. qpos (simulation, nq), qvel (simulation, nv), act (simulation, na), time (simulation,) in s.
 
@@ -63,6 +55,7 @@ def offsets_between(model: mujoco.MjModel, begin: Starts, end: Starts) -> np.nda
     for row, here, there in zip(positions, begin.qpos, end.qpos, strict=True):
         mujoco.mj_differentiatePos(model, row, 1.0, here, there)
     moves = np.stack([positions, end.qvel - begin.qvel], axis=1)
+    dependent = 1e-6  # of the largest singular value: a move that constraints do not let be
     if begin.together is not None:
-        moves = (np.linalg.pinv(begin.together, rcond=SETTINGS.dependent) @ moves[..., None])[..., 0]
+        moves = (np.linalg.pinv(begin.together, rcond=dependent) @ moves[..., None])[..., 0]
     return np.hstack([moves.reshape(-1, 2 * nv), end.act - begin.act])

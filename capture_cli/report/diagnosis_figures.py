@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -40,14 +39,6 @@ from capture_cli.report.figure_parts import SETTINGS as FIGURE_PARTS
 from capture_cli.store.diagnosis import Diagnosis
 
 
-@dataclass(frozen=True)
-class DiagnosisFiguresSettings:
-    bar: float = 0.24  # of the distance between two models
-
-
-SETTINGS = DiagnosisFiguresSettings()
-
-
 def write_figures(diagnosis: Diagnosis, folder: Path) -> list[Path]:
     """Write before_after.png and stages.png into `folder`; also localisation.png where the log is long enough, and
     absorbed.png where effects were found. Returns the paths.
@@ -76,13 +67,14 @@ def _stages(diagnosis: Diagnosis) -> Figure:
     figure = new_figure(1.1 + 0.62 * (count + bool(found.floor)))
     axis = figure.subplots()
     log = {"log": True} if found.decades else {}
+    bar = 0.24  # of the distance between two models
     for number, (part, errors) in enumerate(found.errors.items()):
-        at = np.arange(count) + SETTINGS.bar * (number - (len(found.errors) - 1) / 2)
-        bars = axis.barh(at, errors, SETTINGS.bar, color=PALETTE[COLORS[part]], label=PARTS[part], **log)
+        at = np.arange(count) + bar * (number - (len(found.errors) - 1) / 2)
+        bars = axis.barh(at, errors, bar, color=PALETTE[COLORS[part]], label=PARTS[part], **log)
         text = [with_unit(significant(v), found.unit) for v in errors]
         axis.bar_label(bars, text, padding=3, color=INK, size=8)
     if found.floor:
-        bars = axis.barh([count], [found.floor], SETTINGS.bar, color=PALETTE["--floor"], **log)
+        bars = axis.barh([count], [found.floor], bar, color=PALETTE["--floor"], **log)
         axis.bar_label(bars, [found.floor_text], padding=3, color=INK, size=8)
     names = [*found.names, *["noise floor"] * bool(found.floor)]
     axis.set_yticks(range(len(names)), names, color=INK)

@@ -20,19 +20,12 @@ from capture_cli.store.diagnosis import Diagnosis, DiagnosisRecord
 CODE = re.compile(r"`([^`]+)`")  # as in Markdown
 
 
-@dataclass(frozen=True)
-class DiagnosisPageSettings:
-    # Outputs past these are folded: a page of thirty sensors must still open at once.
-    open_outputs: int = 3
-
-
-SETTINGS = DiagnosisPageSettings()
-
-
 def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
     """The page as HTML. provenance: the record of provenance.json, or None where it is not known."""
     record, curves = diagnosis.record, Curves.of(diagnosis)
     plots, stages = _plots(diagnosis, curves), record.stages
+    # Outputs past these are folded: a page of thirty sensors must still open at once.
+    open_outputs = 3
     return page(
         "diagnosis_page.html",
         plots=plots,
@@ -61,7 +54,7 @@ def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
         least_moved=findings.SETTINGS.moved,
         absorbed_height=diagnosis_plots.absorbed_height(record),
         outputs=diagnosis.attributes["outputs"],
-        open_outputs=SETTINGS.open_outputs,
+        open_outputs=open_outputs,
         views=len(curves.slices),
         localisation_heights={
             k: diagnosis_plots.localisation_height(diagnosis, k)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,16 +17,6 @@ from capture_cli.store.evaluation import EvaluationRecord
 
 OURS, PAPER = "#1f6391", "#c8430a"
 OTHERS = ("#1b7a4a", "#7546b8", "#b98a1d", "#5c6772", "#b0476a", "#3d8f96", "#8c959e", "#8a6d1f")
-
-
-@dataclass(frozen=True)
-class EvaluationFiguresSettings:
-    columns: int = 3
-    legend_columns: int = 4
-    smallest: float = 1e-4  # of a range: what is nearer is drawn there, where axes are logarithmic
-
-
-SETTINGS = EvaluationFiguresSettings()
 
 
 def write_figures(document: Mapping[str, Any], folder: Path) -> list[Path]:
@@ -45,11 +34,10 @@ def write_figures(document: Mapping[str, Any], folder: Path) -> list[Path]:
 
 def _parameters(record: EvaluationRecord) -> Figure:
     names = record.parameters
-    rows = -(-len(names) // SETTINGS.columns)
+    columns = 3
+    rows = -(-len(names) // columns)
     figure = new_figure(0.9 + 2.6 * rows)
-    axes = figure.subplots(
-        rows, min(SETTINGS.columns, len(names)), squeeze=False, sharex=True, sharey=True
-    ).ravel()
+    axes = figure.subplots(rows, min(columns, len(names)), squeeze=False, sharex=True, sharey=True).ravel()
     for axis, name in zip(axes, names, strict=False):
         for label, e, look in _looks(record):
             axis.plot(e["parameter_difference"][name], label=label, **look)
@@ -82,11 +70,10 @@ def _success(axis: Axes, record: EvaluationRecord) -> None:
 
 
 def _cost(axis: Axes, record: EvaluationRecord) -> None:
+    smallest = 1e-4  # of a range: what is nearer is drawn there, where axes are logarithmic
     for label, e, look in _looks(record):
         spent = np.array(e["simulated_rollouts"][1:])
-        axis.loglog(
-            spent, np.maximum(e["parameter_difference"]["mean"][1:], SETTINGS.smallest), label=label, **look
-        )
+        axis.loglog(spent, np.maximum(e["parameter_difference"]["mean"][1:], smallest), label=label, **look)
     _frame(axis, "normalised parameter difference")
     axis.set_xlabel("simulated rollouts per pair")
 
@@ -111,5 +98,6 @@ def _looks(record: EvaluationRecord):
 def _finished(figure: Figure, record: EvaluationRecord) -> Figure:
     handles = [Line2D([], [], label=label, **look) for label, _, look in _looks(record)]
     look = {"frameon": False, "fontsize": 9, "labelcolor": MUTED}
-    figure.legend(handles=handles, loc="outside upper left", ncols=SETTINGS.legend_columns, **look)
+    legend_columns = 4
+    figure.legend(handles=handles, loc="outside upper left", ncols=legend_columns, **look)
     return figure

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from rich import box
@@ -17,17 +16,6 @@ from capture_cli.store.inspection import Inspection
 
 STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 SEVERITIES = ("error", "warning", "note")
-
-
-@dataclass(frozen=True)
-class InspectionSettings:
-    # More rows would push the findings off the screen; --json has them all.
-    most_rows: int = 12
-    least_rest: float = 0.01  # share of the samples
-    fine: float = 0.01  # of the change from sample to sample: steps below it are how many digits the file has
-
-
-SETTINGS = InspectionSettings()
 
 
 _KINDS = {
@@ -133,6 +121,7 @@ def _channels(channels: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 
 
 def _movement(channel: Mapping[str, Any]) -> str:
+    fine = 0.01  # of the change from sample to sample: steps below it are how many digits the file has
     if channel["kind"] == "output":
         said = ["output"]
         if channel.get("sampling"):
@@ -140,12 +129,13 @@ def _movement(channel: Mapping[str, Any]) -> str:
                 f"{channel['sampling']['samples']} samples, {_number(channel['sampling']['rate'], 3, 'Hz')}"
             )
         step, change = channel["quantisation"]["step"], channel["quantisation"]["change"]
-        if step is None or (change is not None and step < SETTINGS.fine * change):
+        if step is None or (change is not None and step < fine * change):
             return ", ".join(said)
         return ", ".join([*said, with_unit(f"steps of {bound(float(f'{step:.3g}'))}", channel["unit"])])
     moves = channel["excitation"]
     parts = ["input"]
-    if moves["at_rest"] is not None and moves["at_rest"] >= SETTINGS.least_rest:
+    least_rest = 0.01  # share of the samples
+    if moves["at_rest"] is not None and moves["at_rest"] >= least_rest:
         parts.append(f"at rest {percent(moves['at_rest'])}")
     if moves["frequency_95"] is not None:
         parts.append(
@@ -164,8 +154,10 @@ def _print_table(console: Console, head: Sequence[str], rows: Sequence[Sequence[
     for k, title in enumerate(head):
         last = k == len(head) - 1 and title == "notes"
         table.add_column(Text(title), justify="left" if k == 0 or last else "right", overflow="fold")
+    # More rows would push the findings off the screen; --json has them all.
+    most_rows = 12
     shown = (
-        rows if len(rows) == SETTINGS.most_rows + 1 else rows[: SETTINGS.most_rows]
+        rows if len(rows) == most_rows + 1 else rows[:most_rows]
     )  # the one more is as short as its mention
     for row in shown:
         table.add_row(*(Text(cell, style="bold" if k == 0 else "") for k, cell in enumerate(row)))

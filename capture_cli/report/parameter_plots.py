@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,18 +11,6 @@ from capture_cli.common.quantities import place, shown_unit, titled
 from capture_cli.report.findings import correlation
 from capture_cli.report.plotly_parts import NO_BUTTONS, Plot, band, heading, in_template, line, rounded
 from capture_cli.store.estimate import Estimate, EstimateRecord
-
-
-@dataclass(frozen=True)
-class ParameterPlotsSettings:
-    # Past these, markers make a thick line, numbers in the matrix a smudge, and a legend takes the plot's room.
-    most_markers: int = 60
-    most_numbered: int = 10
-    most_named: int = 8
-
-
-SETTINGS = ParameterPlotsSettings()
-
 
 # They would lie over the titles of small plots.
 # Of one luminance, so that they hold on light and on dark.
@@ -49,7 +36,8 @@ def correlation_matrix(estimate: Estimate) -> Plot | None:
         "hovertemplate": "%{y} and %{x}: %{z:.3f}<extra></extra>",
         "textfont": {"color": "--ink"},
     }
-    if len(names) <= SETTINGS.most_numbered:
+    most_numbered = 10
+    if len(names) <= most_numbered:
         heatmap["texttemplate"] = "%{z:.2f}"
     layout = {
         "hovermode": "closest",
@@ -77,17 +65,20 @@ def convergence(estimate: Estimate) -> Plot | None:
         return None
     names, rounds = estimate.attributes["parameters"], np.arange(len(errors))
     legend = {"orientation": "h", "x": 0, "y": -0.2, "xanchor": "left", "yanchor": "top"}
+    # Past these, markers make a thick line, numbers in the matrix a smudge, and a legend takes the plot's room.
+    most_markers = 60
     marks = {
-        "mode": "lines+markers" if len(rounds) <= SETTINGS.most_markers else "lines",
+        "mode": "lines+markers" if len(rounds) <= most_markers else "lines",
         "marker": {"size": 5},
     }
     hover = {"hovertemplate": "error %{y:.4g}<extra></extra>"}
     data = [line("error", "--ink", rounds, errors, showlegend=False, **marks, **hover)]
+    most_named = 8
     layout = {
         "hovermode": "closest",
         "margin": {"l": 58, "r": 12, "t": 12, "b": 44},
         "legend": legend,
-        "showlegend": len(names) <= SETTINGS.most_named,
+        "showlegend": len(names) <= most_named,
         "xaxis": {"title": {"text": "round", "standoff": 6}, "anchor": "y2" if names else "y"},
         "yaxis": {"title": {"text": "error / noise floor"}, "domain": [0.56 if names else 0, 1]},
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -42,15 +42,6 @@ from capture_cli.store.proposal import FORMAT as PROPOSAL
 from capture_cli.store.zarr_store import ZarrStore
 
 NOTHING_TO_DO = "nothing to do"
-
-
-@dataclass(frozen=True)
-class InspectSettings:
-    many_dropped: float = 0.1  # of a recording's rows
-    checked_at_once: int = 4096  # histories
-
-
-SETTINGS = InspectSettings()
 
 
 ROOTS = ("zarr.json", ".zgroup", ".zattrs")  # of Zarr, version 3 and 2
@@ -288,7 +279,8 @@ def _cut_off(recording: Mapping[str, Any]) -> dict[str, str]:
 def _dropped(recording: Mapping[str, Any]) -> dict[str, str]:
     """The finding that rows were dropped: between those that are left, inputs are taken as held, or as straight."""
     name, dropped, steps = (recording[key] for key in ("name", "dropped_rows", "steps"))
-    if dropped < SETTINGS.many_dropped * (dropped + steps):
+    many_dropped = 0.1  # of a recording's rows
+    if dropped < many_dropped * (dropped + steps):
         return finding("note", name, f"{dropped} incomplete rows were dropped on import", NOTHING_TO_DO)
     return finding(
         "warning",
@@ -389,8 +381,9 @@ def _inspect_zarr(path: Path, seen: Inspection) -> None:
 def _inspect_histories(path: Path, seen: Inspection) -> None:
     histories = Histories(path)
     seen.sizes |= {"pairs": len(histories), "rounds": histories.attributes["rounds"]}
-    for first in range(0, len(histories), SETTINGS.checked_at_once):
-        histories.read(first, first + SETTINGS.checked_at_once)  # raises where a shard is missing or damaged
+    checked_at_once = 4096  # histories
+    for first in range(0, len(histories), checked_at_once):
+        histories.read(first, first + checked_at_once)  # raises where a shard is missing or damaged
 
 
 def _inspect_provenance(path: Path, seen: Inspection) -> None:

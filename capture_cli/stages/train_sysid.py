@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,15 +47,6 @@ TRAINING = ("steps", "batch", "learning_rate", "weight_decay", "validation", "pa
 # attributes of a store that the signature holds, or that do not change what is in it
 NOT_OF_HISTORIES = {"complete", "shard_pairs", "task", "parameters", "actions", "features", "point_times"}
 OF_EVERY_KIND = "scattered"  # the search whose histories are meant for posteriors
-
-
-@dataclass(frozen=True)
-class TrainSysidSettings:
-    smallest_histories: int = 10  # pairs
-    checked_pairs: int = 8192  # read at once while looking for what is not finite
-
-
-SETTINGS = TrainSysidSettings()
 
 
 @takes_options
@@ -132,10 +123,11 @@ def _learned(name: str) -> type[LearnedIdentifier]:
 
 
 def _check_sizes(store: Histories, options: TrainSysidOptions) -> None:
-    if len(store) < SETTINGS.smallest_histories:
+    smallest_histories = 10  # pairs
+    if len(store) < smallest_histories:
         raise StoreError(
             f"{store.location} holds {len(store)} histories",
-            cure=f"make at least {SETTINGS.smallest_histories}; thousands are needed to learn anything",
+            cure=f"make at least {smallest_histories}; thousands are needed to learn anything",
         )
     for option, value in (
         ("--batch", options.batch),
@@ -191,11 +183,10 @@ def _note_search(name: str, kind: type[LearnedIdentifier], search: str) -> None:
 
 def _check_finite(store: Histories, quiet: bool) -> None:
     """Read everything once: damage shows now rather than after an hour. The store says what is wrong, and where."""
-    with Progress(
-        "reading", "block", quiet=quiet, total=-(-len(store) // SETTINGS.checked_pairs)
-    ) as progress:
-        for first in range(0, len(store), SETTINGS.checked_pairs):
-            store.read(first, min(first + SETTINGS.checked_pairs, len(store)))
+    checked_pairs = 8192  # read at once while looking for what is not finite
+    with Progress("reading", "block", quiet=quiet, total=-(-len(store) // checked_pairs)) as progress:
+        for first in range(0, len(store), checked_pairs):
+            store.read(first, min(first + checked_pairs, len(store)))
             progress.step(f"{first} of {len(store)} pairs checked")
 
 

@@ -51,14 +51,6 @@ _NESTED = ("codecs", "index_codecs")  # of a shard
 
 
 @dataclass(frozen=True)
-class ArrayMetadataSettings:
-    shown: int = 60  # characters of what was found
-
-
-SETTINGS = ArrayMetadataSettings()
-
-
-@dataclass(frozen=True)
 class ArrayMetadata:
     """shape: numbers along each axis. chunks: those in one file. inner: those in one of a file's parts, where it is a
     shard, else `chunks`. codecs: names of all that take part. attributes: unit, meaning.
@@ -103,9 +95,10 @@ class ArrayMetadata:
 
     def check(self, where: str, cure: str) -> None:
         """Raise StoreError where it does not hold numbers, or is packed by what is not known to unpack alone."""
+        shown = 60  # characters of what was found
         if not self.is_of_numbers:
             raise StoreError(
-                f"{where} holds elements of the type {self.dtype:.{SETTINGS.shown}}; only numbers are read, and none "
+                f"{where} holds elements of the type {self.dtype:.{shown}}; only numbers are read, and none "
                 "that Python would have to build objects of",
                 cure="write it again as numbers, say float64",
             )
@@ -113,7 +106,7 @@ class ArrayMetadata:
         for codec in self.codecs:
             if codec not in known:
                 raise StoreError(
-                    f"{where} is packed by {codec!r:.{SETTINGS.shown}}, which is not unpacked: it may run what the "
+                    f"{where} is packed by {codec!r:.{shown}}, which is not unpacked: it may run what the "
                     "file says",
                     cure=f"write it again without it; what is unpacked: {', '.join(known)}",
                 )

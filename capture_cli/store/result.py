@@ -23,14 +23,6 @@ Rows = Mapping[str, Row]
 Migrations = Mapping[int, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 
 
-@dataclass(frozen=True)
-class ResultSettings:
-    rounding: float = 1e-9  # of a range: a value at one end may be beyond it in its last digits
-
-
-SETTINGS = ResultSettings()
-
-
 @dataclass(frozen=True, kw_only=True)
 class Keys:
     """What is read of a JSON document, by its keys."""
@@ -144,7 +136,8 @@ def check_bounds(document: Mapping[str, Any], where: object, cure: str) -> None:
 
 def is_within(value: float, low: float, high: float) -> bool:
     """Whether a fit between these bounds may have ended at the value."""
-    slack = SETTINGS.rounding * (high - low)
+    rounding = 1e-9  # of a range: a value at one end may be beyond it in its last digits
+    slack = rounding * (high - low)
     return low - slack <= value <= high + slack
 
 

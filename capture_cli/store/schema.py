@@ -14,15 +14,6 @@ from capture_cli.errors import StoreError, did_you_mean
 from capture_cli.store.array_metadata import ArrayMetadata
 from capture_cli.store.zarr_store import MAKE_AGAIN, ZarrStore
 
-
-@dataclass(frozen=True)
-class SchemaSettings:
-    chunk_bytes: int = 4 << 20
-
-
-SETTINGS = SchemaSettings()
-
-
 _WRITTEN_AS = {"f": "fiu", "i": "iu", "u": "iu", "b": "b"}  # kinds of numbers, by that of the schema
 
 
@@ -94,7 +85,8 @@ class Schema:
 
         values = np.ascontiguousarray(values, dtype=spec.dtype)
         row_bytes = max(1, values[:1].nbytes)
-        rows = max(1, min(values.shape[0] if values.ndim else 1, SETTINGS.chunk_bytes // row_bytes))
+        chunk_bytes = 4 << 20
+        rows = max(1, min(values.shape[0] if values.ndim else 1, chunk_bytes // row_bytes))
         chunks = (rows, *(max(1, n) for n in values.shape[1:]))
         array = group.create_array(
             spec.path,

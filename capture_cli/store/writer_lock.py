@@ -12,7 +12,6 @@ import socket
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -25,14 +24,6 @@ except ImportError:  # not on this system: then nobody is kept out
     fcntl = None
 
 LOCK, HOLDER = ".lock", "process "  # how what a lock says of its holder begins
-
-
-@dataclass(frozen=True)
-class WriterLockSettings:
-    longest_holder: int = 200  # bytes
-
-
-SETTINGS = WriterLockSettings()
 
 
 @contextmanager
@@ -89,10 +80,11 @@ def _remove_left(lock: Path, path: Path) -> None:
         return
     except OSError as error:
         raise _no_lock(lock) from error
+    longest_holder = 200  # bytes
     try:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise _no_lock(lock)
-        holder = os.read(descriptor, SETTINGS.longest_holder).decode(errors="replace")
+        holder = os.read(descriptor, longest_holder).decode(errors="replace")
         if not holder.startswith(HOLDER[: len(holder)]):
             raise _no_lock(lock)
         with suppress(OSError):  # a file system without locks

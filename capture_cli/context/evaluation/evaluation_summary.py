@@ -3,22 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from capture_cli.common.quantities import NORMAL_QUANTILE
-
-
-@dataclass(frozen=True)
-class EvaluationSummarySettings:
-    table_rounds: tuple[int, ...] = (5, 10, 15, 20, 30)  # the paper's, Table II
-    as_near: float = 1e-3  # of the range: differences below this are none
-
-
-SETTINGS = EvaluationSummarySettings()
-
 
 YARDSTICK = "domain-randomization"
 OURS = "capture-refined"
@@ -29,7 +18,8 @@ def summary(
 ) -> dict[str, Any]:
     """Means over pairs and seeds, JSON-able; "mean" is over pairs and seeds, "sd" that of the seeds' means."""
     seeds, pairs, entries = arrays["trajectory_difference"].shape[1:]
-    reached = [r for r in SETTINGS.table_rounds if r < entries] or [entries - 1]
+    table_rounds = (5, 10, 15, 20, 30)  # the paper's, Table II
+    reached = [r for r in table_rounds if r < entries] or [entries - 1]
     names = [p["name"] for p in attributes["parameters"]]
     span = np.array([p["high"] - p["low"] for p in attributes["parameters"]])
     difference = np.abs(arrays["estimates"] - arrays["target"][None, :, :, None]) / span
@@ -130,7 +120,8 @@ def _compared(gained: np.ndarray) -> dict[str, list[float]]:
     """gained (pair, entry)."""
     from scipy.stats import binomtest
 
-    nearer, further = (gained > SETTINGS.as_near).sum(axis=0), (gained < -SETTINGS.as_near).sum(axis=0)
+    as_near = 1e-3  # of the range: differences below this are none
+    nearer, further = (gained > as_near).sum(axis=0), (gained < -as_near).sum(axis=0)
     pairs = len(gained)
     se = gained.std(axis=0, ddof=1) / np.sqrt(pairs) if pairs > 1 else np.zeros(gained.shape[1])
     trials = zip(nearer.tolist(), further.tolist(), strict=True)

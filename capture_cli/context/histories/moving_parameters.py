@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,16 +11,6 @@ from capture_cli.errors import FitError, TaskError
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.model.tasks.sequence_task import SequenceTask
 from capture_cli.simulate.simulator import Simulator
-
-
-@dataclass(frozen=True)
-class MovingParametersSettings:
-    # Tried, the more only with parameters that the fewer do not show: a stop may hardly ever be hit
-    actions: tuple[int, int] = (8, 64)
-    moves_least: float = 1e-9  # of a feature's scale: less is rounding
-
-
-SETTINGS = MovingParametersSettings()
 
 
 def check_parameters_move_trajectories(task: SequenceTask, *, seed: int, threads: int | None) -> None:
@@ -35,7 +24,9 @@ def check_parameters_move_trajectories(task: SequenceTask, *, seed: int, threads
         )
     simulator = Simulator(task, threads=threads)
     still = np.arange(len(task.space))
-    for count in SETTINGS.actions:
+    # Tried, the more only with parameters that the fewer do not show: a stop may hardly ever be hit
+    actions = (8, 64)
+    for count in actions:
         rows = evenly_spread(len(task.library), count)
         still = _still(simulator, task.library[rows], still, seed)
     if not still.size:
@@ -80,4 +71,5 @@ def _moved(simulator: Simulator, points: np.ndarray, actions: np.ndarray) -> np.
     )
     lost = diverged.reshape(shape)
     lost = lost[0] | lost[1:].reshape(-1, 2, len(actions)).any(axis=1)
-    return ((change > SETTINGS.moves_least) & ~lost).any(axis=1) | lost.all(axis=1)
+    moves_least = 1e-9  # of a feature's scale: less is rounding
+    return ((change > moves_least) & ~lost).any(axis=1) | lost.all(axis=1)

@@ -17,16 +17,6 @@ import numpy as np
 from capture_cli.context.identifiers._normalisation import Normalisation
 from capture_cli.context.identifiers.base import Rounds
 
-
-@dataclass(frozen=True)
-class FamilySettings:
-    # of the mean variance of a direction: what never varied in training weighs no more than this
-    ridge: float = 1e-6
-
-
-SETTINGS = FamilySettings()
-
-
 QUANTILES = np.concatenate([np.linspace(0, 0.98, 50), np.linspace(0.981, 1.0, 20)])
 
 
@@ -49,7 +39,9 @@ class Family:
         vectors = vectors.reshape(-1, vectors.shape[-1])
         mean = vectors.mean(axis=0)
         values, directions = np.linalg.eigh(np.cov(vectors, rowvar=False))
-        values = np.maximum(values, 0) + SETTINGS.ridge * max(values.mean(), 1e-300)
+        # of the mean variance of a direction: what never varied in training weighs no more than this
+        ridge = 1e-6
+        values = np.maximum(values, 0) + ridge * max(values.mean(), 1e-300)
         family = cls(normalisation, mean, directions / np.sqrt(values), np.zeros((0, 0)))
         distances = family.distances(held_out)
         count = np.arange(1, held_out.rounds + 1)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,14 +14,6 @@ from capture_cli.context.identifiers._architecture import SETTINGS as ARCHITECTU
 from capture_cli.context.identifiers._architecture import Architecture
 
 Arrays = Mapping[str, np.ndarray]
-
-
-@dataclass(frozen=True)
-class InferenceSettings:
-    epsilon: float = 1e-5  # of a layer norm, as torch has it
-
-
-SETTINGS = InferenceSettings()
 
 
 def answer(architecture: Architecture, network: Arrays, inputs: Arrays) -> tuple[np.ndarray, np.ndarray]:
@@ -96,7 +87,8 @@ def _linear(network: Arrays, name: str, x: np.ndarray) -> np.ndarray:
 def _norm(network: Arrays, name: str, x: np.ndarray) -> np.ndarray:
     centred = x - x.mean(axis=-1, keepdims=True)
     variance = np.square(centred).mean(axis=-1, keepdims=True)
-    scaled = centred / np.sqrt(variance + np.float32(SETTINGS.epsilon))
+    epsilon = 1e-5  # of a layer norm, as torch has it
+    scaled = centred / np.sqrt(variance + np.float32(epsilon))
     return scaled * network[f"{name}.weight"] + network[f"{name}.bias"]
 
 

@@ -10,15 +10,6 @@ from capture_cli.context.identifiers.base import Rounds, Signature
 
 
 @dataclass(frozen=True)
-class NormalisationSettings:
-    smallest_spread: float = 1e-3  # of a feature's declared scale: what hardly varies is not blown up
-    knee: float = 0.01  # of its spread, where a companded residual turns from linear to logarithmic
-
-
-SETTINGS = NormalisationSettings()
-
-
-@dataclass(frozen=True)
 class Normalisation:
     """centre, spread, residual_spread (point, feature), in the units of the features."""
 
@@ -34,10 +25,11 @@ class Normalisation:
         trajectories = np.concatenate([rounds.simulated, rounds.measured])
         residual = rounds.measured - rounds.simulated
         spreads = (trajectories.std(axis=(0, 1)), np.sqrt(np.square(residual).mean(axis=(0, 1))))
+        smallest_spread = 1e-3  # of a feature's declared scale: what hardly varies is not blown up
         return cls(
             signature,
             trajectories.mean(axis=(0, 1)),
-            *(np.maximum(s, SETTINGS.smallest_spread * scale) for s in spreads),
+            *(np.maximum(s, smallest_spread * scale) for s in spreads),
         )
 
     @property
@@ -48,7 +40,8 @@ class Normalisation:
     def inputs(self, rounds: Rounds) -> dict[str, np.ndarray]:
         """float32 arrays by the names of `_transformer.Inputs`."""
         residual = (rounds.measured - rounds.simulated) / self.residual_spread
-        companded = np.arcsinh(residual / SETTINGS.knee) / np.arcsinh(1 / SETTINGS.knee)
+        knee = 0.01  # of its spread, where a companded residual turns from linear to logarithmic
+        companded = np.arcsinh(residual / knee) / np.arcsinh(1 / knee)
         arrays = {
             "parameters": 2 * self.signature.space.to_unit(rounds.parameters) - 1,
             "actions": 2 * self.signature.actions.to_unit(rounds.actions) - 1,

@@ -24,14 +24,6 @@ from capture_cli.context.identifiers._architecture import Architecture
 
 
 @dataclass(frozen=True)
-class TransformerSettings:
-    initial_sd: float = 0.02
-
-
-SETTINGS = TransformerSettings()
-
-
-@dataclass(frozen=True)
 class Inputs:
     """Normalised rounds: parameters and actions in [-1, 1], trajectories about 0 with spread 1.
 
@@ -113,14 +105,15 @@ class Transformer(nn.Module):
         self._initialise()
 
     def _initialise(self) -> None:
+        initial_sd = 0.02
         for module in self.modules():
             if isinstance(module, nn.Linear | nn.Embedding):
-                nn.init.normal_(module.weight, std=SETTINGS.initial_sd)
+                nn.init.normal_(module.weight, std=initial_sd)
             if isinstance(module, nn.Linear):
                 nn.init.zeros_(module.bias)
         for block in self.blocks:
             for last in (block.attention_out, block.perceptron_out):
-                nn.init.normal_(last.weight, std=SETTINGS.initial_sd / math.sqrt(2 * len(self.blocks)))
+                nn.init.normal_(last.weight, std=initial_sd / math.sqrt(2 * len(self.blocks)))
 
     def forward(self, inputs: Inputs, *, own_spread: bool = True, low_precision: bool = False) -> Outputs:
         """What follows each round of `inputs`.

@@ -26,14 +26,6 @@ Simulate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
-class BaseSettings:
-    most_named: int = 3  # differences of one kind
-
-
-SETTINGS = BaseSettings()
-
-
-@dataclass(frozen=True)
 class Signature:
     """What a round of a task is made of: names, units and ranges of its parameters, action and trajectory.
 
@@ -98,8 +90,9 @@ class Signature:
 def _unlike(what: str, mine: Sequence[str], theirs: Sequence[str]) -> list[str]:
     """The line that says in what two lists of names differ, the first `most_named`; none where they are alike."""
     pairs = [f"{a}, and here {b}" for a, b in zip_longest(mine, theirs, fillvalue="none") if a != b]
-    more = f"; and {len(pairs) - SETTINGS.most_named} more" if len(pairs) > SETTINGS.most_named else ""
-    return [f"{what}: {'; '.join(pairs[: SETTINGS.most_named])}{more}"] if pairs else []
+    most_named = 3  # differences of one kind
+    more = f"; and {len(pairs) - most_named} more" if len(pairs) > most_named else ""
+    return [f"{what}: {'; '.join(pairs[:most_named])}{more}"] if pairs else []
 
 
 def _range(p: Parameter) -> str:

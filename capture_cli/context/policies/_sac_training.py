@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,15 +18,6 @@ from capture_cli.errors import FitError
 from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.simulate.simulator import Simulator
 
-
-@dataclass(frozen=True)
-class SacTrainingSettings:
-    warm_up: float = 0.02  # of the episodes, with random actions, before anything is learned
-
-
-SETTINGS = SacTrainingSettings()
-
-
 BUFFER = ("observations", "actions", "rewards")  # the rest of what the replay buffer holds follows from these
 
 
@@ -38,12 +28,13 @@ class SacTrainer(Trainer):
         self.settings = settings
         self.task = simulator.task
         self.env = EpisodeVecEnv(simulator, settings.envs, settings.seed, effects)
+        warm_up = 0.02  # of the episodes, with random actions, before anything is learned
         self.sac = SAC(
             "MlpPolicy",
             self.env,
             learning_rate=lambda _: self._rate(),
             buffer_size=settings.batches * settings.envs,
-            learning_starts=round(SETTINGS.warm_up * settings.steps),
+            learning_starts=round(warm_up * settings.steps),
             batch_size=settings.batch,
             gamma=0.0,
             gradient_steps=settings.updates,

@@ -7,21 +7,9 @@ learned nothing about, it does not move.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.context.search.base import Search
-
-
-@dataclass(frozen=True)
-class ScatteredSettings:
-    kept: float = 0.5  # of the parameters, from one round to the next
-    nearest: float = 1e-3  # of the range: beyond, simulated and measured are as good as equal
-    scales: int = 64  # of the distance, equally spaced in its logarithm
-
-
-SETTINGS = ScatteredSettings()
 
 
 class Scattered(Search):
@@ -29,11 +17,14 @@ class Scattered(Search):
 
     def path(self, source, target, low, high, uniform):
         # each draw serves three times: to keep or to move, how far from the target, where within that distance
+        kept = 0.5  # of the parameters, from one round to the next
+        scales = 64  # of the distance, equally spaced in its logarithm
         moved, rest = (
-            uniform >= SETTINGS.kept,
-            (uniform - SETTINGS.kept) / (1 - SETTINGS.kept) * SETTINGS.scales,
+            uniform >= kept,
+            (uniform - kept) / (1 - kept) * scales,
         )
-        reach = SETTINGS.nearest ** (np.floor(rest) / (SETTINGS.scales - 1)) * (high - low)
+        nearest = 1e-3  # of the range: beyond, simulated and measured are as good as equal
+        reach = nearest ** (np.floor(rest) / (scales - 1)) * (high - low)
         lower, upper = (np.clip(target[:, None] + sign * reach, low, high) for sign in (-1, 1))
         places = lower + (rest - np.floor(rest)) * (upper - lower)
         path = [source]

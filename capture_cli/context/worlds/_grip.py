@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -11,16 +10,6 @@ import numpy as np
 from capture_cli.errors import OptionError
 
 HAND_DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # fingers open along the y axis
-
-
-@dataclass(frozen=True)
-class GripSettings:
-    # m and rad
-    ik_steps: int = 50
-    ik_tolerance: float = 1e-10
-
-
-SETTINGS = GripSettings()
 
 
 def grip(hand: str, tool: str) -> ElementTree.Element:
@@ -40,7 +29,10 @@ def reach(model, data, site: int, goal: np.ndarray, joints, dofs) -> np.ndarray:
     Raises OptionError where the robot cannot reach it.
     """
     jacobian = np.zeros((6, model.nv))
-    for _ in range(SETTINGS.ik_steps):
+    # m and rad
+    ik_steps = 50
+    ik_tolerance = 1e-10
+    for _ in range(ik_steps):
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         turn = HAND_DOWN @ data.site_xmat[site].reshape(3, 3).T
@@ -48,7 +40,7 @@ def reach(model, data, site: int, goal: np.ndarray, joints, dofs) -> np.ndarray:
             [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
         )
         error = np.concatenate([goal - data.site_xpos[site], turn_vector])
-        if np.abs(error).max() < SETTINGS.ik_tolerance:
+        if np.abs(error).max() < ik_tolerance:
             return data.qpos[joints].copy()
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
         data.qpos[joints] += np.linalg.lstsq(jacobian[:, dofs], error, rcond=None)[0]

@@ -31,14 +31,6 @@ from capture_cli.model.tasks.scooping import Scooping
 SCENE = Path(__file__).with_name("scooping_scene.xml")
 
 
-@dataclass(frozen=True)
-class ScoopingSettings:
-    rack_height: float = 0.12  # m, of the rod's underside above the table
-
-
-SETTINGS = ScoopingSettings()
-
-
 # The plant's x axis points to the right of a robot that faces the table, its y axis away from it.
 RACK_TURN = "0.70710678118654757 0 0 -0.70710678118654757"
 
@@ -90,8 +82,9 @@ class ObjectScooping(Scene):
 
     def standing(self, plant: MujocoXML) -> ElementTree.Element:
         """The rack with rod and spatula, and what the scene has of them beyond the plant."""
+        rack_height = 0.12  # m, of the rod's underside above the table
         rack = ElementTree.Element(
-            "body", name="rack", pos=f"0 0 {SCENE_SETTINGS.table_top + SETTINGS.rack_height}", quat=RACK_TURN
+            "body", name="rack", pos=f"0 0 {SCENE_SETTINGS.table_top + rack_height}", quat=RACK_TURN
         )
         scene = MujocoXML(str(SCENE))
         for body in plant.worldbody.findall("body"):

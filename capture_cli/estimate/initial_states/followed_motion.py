@@ -7,7 +7,7 @@ measures (where its base is, and how fast it goes) follows from that.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,15 +20,6 @@ from capture_cli.model.fields import ModelFields
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import Task
 from capture_cli.simulate.engine import Engine, Keep, Rollouts
-
-
-@dataclass(frozen=True)
-class FollowedMotionSettings:
-    every: float = 0.05  # s, after which measured coordinates are set anew
-    most_times: int = 1000  # in an episode
-
-
-SETTINGS = FollowedMotionSettings()
 
 
 def followed_motion(
@@ -82,7 +73,9 @@ def _places(log: MeasuredLog, whole: Windows, timestep: float) -> tuple[np.ndarr
     time = clock(log)
     length = whole.mask.sum(axis=1)
     interval = float(np.median(np.diff(time)))
-    stride = max(1, round(SETTINGS.every / interval), int(np.ceil(length.max() / SETTINGS.most_times)))
+    every = 0.05  # s, after which measured coordinates are set anew
+    most_times = 1000  # in an episode
+    stride = max(1, round(every / interval), int(np.ceil(length.max() / most_times)))
     sample = np.minimum(np.arange(0, length.max(), stride), length[:, None] - 1)
     first = whole.first[:, None] + sample
     at = np.round((time[first] - time[whole.first][:, None]) / timestep).astype(int)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -32,17 +32,6 @@ from capture_cli.model.quaternion_signs import aligned
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.simulate.engine import Engine, Keep, Rollouts
 from capture_cli.simulate.simulator import Simulator
-
-
-@dataclass(frozen=True)
-class OfWindowsSettings:
-    # windows, evenly spread, that tell which of several ways to read starts is nearer to the log
-    judged: int = 40
-    # p of the first samples of episodes below which they do not begin where their actions say
-    agrees: float = 1e-3
-
-
-SETTINGS = OfWindowsSettings()
 
 
 def log_starts(
@@ -85,7 +74,9 @@ def _nearest(
     """
     if len(reads) == 1:
         return reads[0]
-    some = evenly_spread(len(windows), SETTINGS.judged)
+    # windows, evenly spread, that tell which of several ways to read starts is nearer to the log
+    judged = 40
+    some = evenly_spread(len(windows), judged)
     own, simulator = windows.rows(some), Simulator(task, threads=threads)
 
     def distance(read: StartEstimate) -> float:
@@ -141,7 +132,9 @@ def begins_as_acted(prepared: PreparedLog) -> bool:
         keep=Keep(columns=np.array([c.index for c in task.outputs])),
     )
     apart = (windows.measured[acted, 0] - said.sensors[:, 0]) / prepared.noise.sd
-    return bool(chdtrc(apart.size, np.square(apart).sum()) > SETTINGS.agrees)
+    # p of the first samples of episodes below which they do not begin where their actions say
+    agrees = 1e-3
+    return bool(chdtrc(apart.size, np.square(apart).sum()) > agrees)
 
 
 def _of_whole_episodes(

@@ -6,22 +6,12 @@ at the best point every few generations and each candidate is judged by what is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from capture_cli.estimate.solve.base import Best, Identifier, Trial
 from capture_cli.estimate.solve.linearization import Linearization, columns, scatter
-
-
-@dataclass(frozen=True)
-class CmaEsSettings:
-    spread: float = 0.25  # of the unit cube, the first step size
-    relinearize: int = 10  # generations
-    stalled: int = 25  # generations in which the error fell by less than a thousandth
-
-
-SETTINGS = CmaEsSettings()
 
 
 class CmaEs(Identifier):
@@ -39,7 +29,8 @@ class CmaEs(Identifier):
         bounds = np.tile([0.0, 1.0], (size + self._dummy, 1))
         mean = np.clip(self.space.to_unit(self.start), 0.02, 0.98)
         mean = np.append(mean, 0.5) if self._dummy else mean
-        self._search = CMA(mean=mean, sigma=SETTINGS.spread, bounds=bounds, seed=self.seed) if size else None
+        spread = 0.25  # of the unit cube, the first step size
+        self._search = CMA(mean=mean, sigma=spread, bounds=bounds, seed=self.seed) if size else None
         self._best_x = np.clip(self.space.to_unit(self.start), 0, 1)
         self._best = Best(self.start, self.offsets, np.inf)
         self._lowest = np.inf  # objective of the best, which the prior of its starts is part of
@@ -73,7 +64,8 @@ class CmaEs(Identifier):
     def at_rest(self) -> bool:
         if self._search is None:
             return self._at is not None
-        return not self._linearizing and (self._search.should_stop() or self._stalled >= SETTINGS.stalled)
+        stalled = 25  # generations in which the error fell by less than a thousandth
+        return not self._linearizing and (self._search.should_stop() or self._stalled >= stalled)
 
     def ask(self) -> Trial:
         if self._linearizing:
@@ -108,7 +100,8 @@ class CmaEs(Identifier):
         self._stalled += 1
         if self._lowest < 0.999**2 * self._milestone:
             self._stalled, self._milestone = 0, self._lowest
-        self._linearizing = self._generation % SETTINGS.relinearize == 0
+        relinearize = 10  # generations
+        self._linearizing = self._generation % relinearize == 0
 
     def _relinearize(self, outputs, diverged) -> None:
         self._at = Linearization.from_columns(

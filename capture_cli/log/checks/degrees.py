@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -15,21 +14,14 @@ from capture_cli.model.tasks.base import Channel, Task
 DEGREES = 180 / np.pi
 
 
-@dataclass(frozen=True)
-class DegreesSettings:
-    like_degrees: float = 0.1  # of that factor, is how near to it the one between two channels is
-    alike: float = 0.95  # correlation of two channels that show the same motion
-
-
-SETTINGS = DegreesSettings()
-
-
 class Degrees(Check):
     """Angles of hinges that are 57.3 times, or a 57.3th of, what another channel says of the same motion; or go against
     it."""
 
     def findings(self, given):
         log, task = given.log, given.task
+        like_degrees = 0.1  # of that factor, is how near to it the one between two channels is
+        alike = 0.95  # correlation of two channels that show the same motion
         for k, c, joint in _hinge_outputs(task, mujoco.mjtSensor.mjSENS_JOINTPOS):
             angle = log.outputs[:, k]
             others = [
@@ -44,7 +36,7 @@ class Degrees(Check):
             ]
             for name, how, reference in others:
                 likeness, factor = _likeness(angle, reference, log.episodes)
-                if likeness < -SETTINGS.alike:
+                if likeness < -alike:
                     yield finding(
                         "warning",
                         f"output {c.name}",
@@ -52,8 +44,8 @@ class Degrees(Check):
                         "write a negative scale under the one that does, and import again",
                     )
                 if (
-                    abs(likeness) < SETTINGS.alike
-                    or min(abs(factor * DEGREES - 1), abs(factor / DEGREES - 1)) > SETTINGS.like_degrees
+                    abs(likeness) < alike
+                    or min(abs(factor * DEGREES - 1), abs(factor / DEGREES - 1)) > like_degrees
                 ):
                     continue
                 large, small = (f"output {c.name}", name) if factor > 1 else (name, f"output {c.name}")

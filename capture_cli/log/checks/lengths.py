@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.log.checks.base import Check, finding
 from capture_cli.log.shorter_window import set_shorter
 from capture_cli.log.step_length import unsuitable_step
 from capture_cli.log.windows import SETTINGS as WINDOWS
-
-
-@dataclass(frozen=True)
-class LengthsSettings:
-    window_samples: int = 5  # fewer in a window say little
-    least_in_ms: float = 0.1  # s, between samples: times in ms of a sensor that reports at 10 kHz
-    long_interval: float = 0.5  # s, between samples, at most, if a unit of time is to be taken for theirs
-
-
-SETTINGS = LengthsSettings()
-
 
 SMALL_UNITS = {"ms": "1e-3", "us": "1e-6", "ns": "1e-9"}  # as a task.toml has them
 
@@ -36,6 +23,7 @@ class Lengths(Check):
             return
         longest = max(known, key=lambda e: e["duration"])
         window, interval = task.log.window, float(np.median(intervals))
+        window_samples = 5  # fewer in a window say little
         if window is not None and longest["duration"] < WINDOWS.shortest_episode * window:
             yield finding(
                 "error",
@@ -43,7 +31,7 @@ class Lengths(Check):
                 f"the longest lasts {longest['duration']:.3g} s, and a window {window:g} s",
                 set_shorter(longest["duration"], longest["steps"], option=True),
             )
-        elif window is not None and window < SETTINGS.window_samples * interval:
+        elif window is not None and window < window_samples * interval:
             yield finding(
                 "warning",
                 "time",
@@ -68,9 +56,11 @@ def _time_unit(interval: float, time_scale: float) -> str:
     """What else to do about samples so many seconds apart: their times may be in another unit."""
     if time_scale != 1:
         return f"; if one unit of time is not {time_scale:g} s, correct [log] time_scale, and import the files again"
-    if interval < SETTINGS.least_in_ms:
+    least_in_ms = 0.1  # s, between samples: times in ms of a sensor that reports at 10 kHz
+    if interval < least_in_ms:
         return ""
-    short = (u for u, scale in SMALL_UNITS.items() if interval * float(scale) < SETTINGS.long_interval)
+    long_interval = 0.5  # s, between samples, at most, if a unit of time is to be taken for theirs
+    short = (u for u, scale in SMALL_UNITS.items() if interval * float(scale) < long_interval)
     unit = next(short, "ns")
     return (
         f"; if the time column is in {unit}, write time_scale = {SMALL_UNITS[unit]} under [log] and import the files "

@@ -2,22 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
 from capture_cli.common.quantities import percent
 from capture_cli.log.checks.base import Check, finding
-
-
-@dataclass(frozen=True)
-class RangesSettings:
-    range_slack: float = 0.05  # of a joint's range
-    rounded: float = 1e-6  # of an actuator's range: numbers in files are rounded
-
-
-SETTINGS = RangesSettings()
 
 
 class Ranges(Check):
@@ -26,10 +15,11 @@ class Ranges(Check):
     def findings(self, given):
         log, task = given.log, given.task
         model = task.model
+        rounded = 1e-6  # of an actuator's range: numbers in files are rounded
         for k, c in enumerate(task.inputs):
             if model.actuator_ctrllimited[c.index]:
                 share, low, high = _outside(
-                    log.inputs[:, k], model.actuator_ctrlrange[c.index], slack=SETTINGS.rounded
+                    log.inputs[:, k], model.actuator_ctrlrange[c.index], slack=rounded
                 )
                 if share:
                     yield finding(
@@ -39,12 +29,13 @@ class Ranges(Check):
                         "widen ctrlrange in the model, or correct scale and offset",
                     )
         sampled = log.sampled
+        range_slack = 0.05  # of a joint's range
         for k, c in enumerate(task.outputs):
             joint = int(model.sensor_objid[c.sensor])
             is_position = model.sensor_type[c.sensor] == mujoco.mjtSensor.mjSENS_JOINTPOS
             if is_position and model.jnt_limited[joint]:
                 share, low, high = _outside(
-                    log.outputs[sampled[:, k], k], model.jnt_range[joint], slack=SETTINGS.range_slack
+                    log.outputs[sampled[:, k], k], model.jnt_range[joint], slack=range_slack
                 )
                 if share:
                     yield finding(

@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
 from capture_cli.log.checks.base import Check, finding
-
-
-@dataclass(frozen=True)
-class WholeTurnsSettings:
-    turn_slack: float = 1.0  # rad that a hinge moves between two samples, beside a jump by a turn
-
-
-SETTINGS = WholeTurnsSettings()
 
 
 class WholeTurns(Check):
@@ -25,6 +15,7 @@ class WholeTurns(Check):
         log, task = given.log, given.task
         model = task.model
         episode = np.searchsorted(log.episode_ends, np.arange(len(log.time)), side="right")
+        turn_slack = 1.0  # rad that a hinge moves between two samples, beside a jump by a turn
         for k, c in enumerate(task.outputs):
             if model.sensor_type[c.sensor] != mujoco.mjtSensor.mjSENS_JOINTPOS:
                 continue
@@ -34,8 +25,8 @@ class WholeTurns(Check):
             together = episode[own[1:]] == episode[own[:-1]]
             with np.errstate(invalid="ignore"):
                 steps = np.abs(np.diff(log.outputs[own, k]))[together]
-                jumps = np.abs(steps - 2 * np.pi) < SETTINGS.turn_slack
-            if jumps.any() and np.median(steps) < SETTINGS.turn_slack:
+                jumps = np.abs(steps - 2 * np.pi) < turn_slack
+            if jumps.any() and np.median(steps) < turn_slack:
                 count = int(jumps.sum())
                 yield finding(
                     "warning",

@@ -3,23 +3,10 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 
 from capture_cli.common.quantities import bound, significant, with_unit
 from capture_cli.log.checks.base import Finding, finding
 from capture_cli.model.tasks.base import Task
-
-
-@dataclass(frozen=True)
-class WideBoundsSettings:
-    # Times the nominal value: beyond it a finite difference, 1e-4 of the range, is longer than a tenth of the
-    # value, and of the places drawn at random in the range, where other descents begin, hardly one is near
-    # it.
-    wide: float = 1000.0
-    vast: float = 1e6  # in SI units: m, rad, N, N m
-
-
-SETTINGS = WideBoundsSettings()
 
 
 def wide_bounds(task: Task) -> list[Finding]:
@@ -29,16 +16,21 @@ def wide_bounds(task: Task) -> list[Finding]:
     are compared with `vast`.
     """
     found = []
+    # Times the nominal value: beyond it a finite difference, 1e-4 of the range, is longer than a tenth of the
+    # value, and of the places drawn at random in the range, where other descents begin, hardly one is near
+    # it.
+    wide = 1000.0
+    vast = 1e6  # in SI units: m, rad, N, N m
     for p in task.space:
         size = abs(p.nominal)
         bounds = f"{bound(p.low)} to {with_unit(bound(p.high), p.unit)}"
         if size == 0 or p.low < 0 < p.high:
-            if p.span > SETTINGS.vast:
+            if p.span > vast:
                 what = f"its bounds, {bounds}, are wider than any place or bias of a machine"
                 cure = f"give [parameters.{p.name}] bounds that the machine can have"
                 found.append(finding("warning", f"parameter {p.name}", what, cure))
             continue
-        if p.span <= SETTINGS.wide * size:
+        if p.span <= wide * size:
             continue
         step = with_unit(significant(p.step * p.span, 2), p.unit)
         found.append(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import mujoco
@@ -19,17 +18,6 @@ from capture_cli.model.effects._scales import (
 )
 from capture_cli.model.effects.base import GLOBAL, Effect, JointMotion
 from capture_cli.model.object_names import object_name
-
-
-@dataclass(frozen=True)
-class TendonEffectSettings:
-    # Of its longest lever: a joint with a shorter one says little of the forces that the tendon carries
-    long: float = 0.5
-    places: int = 128  # drawn from where the joints go, at which lengths and levers are looked up
-
-
-SETTINGS = TendonEffectSettings()
-
 
 TAUT = 1e-4  # m/rad or 1: a lever under this moves nothing
 
@@ -85,7 +73,9 @@ class TendonEffect(Effect):
     @property
     def _pulled(self) -> np.ndarray:
         """The joints that it has a long lever at."""
-        return np.flatnonzero(self.levers >= SETTINGS.long * self.levers.max())
+        # Of its longest lever: a joint with a shorter one says little of the forces that the tendon carries
+        long = 0.5
+        return np.flatnonzero(self.levers >= long * self.levers.max())
 
     @property
     def characteristic_speed(self) -> float:
@@ -140,7 +130,8 @@ def _moved(model: mujoco.MjModel, boxes: tuple[tuple[float, float], ...]) -> tup
     scalar = np.flatnonzero(np.isin(model.jnt_type, (HINGE, SLIDE)))
     low, high = np.array(boxes).T[:, scalar] if len(scalar) else np.zeros((2, 0))
     lengths, levers = [], np.zeros((model.nv, model.ntendon))
-    for share in [None, *generator.random((SETTINGS.places, len(scalar)))]:
+    places = 128  # drawn from where the joints go, at which lengths and levers are looked up
+    for share in [None, *generator.random((places, len(scalar)))]:
         data.qpos[:] = model.qpos0
         if share is not None:
             data.qpos[model.jnt_qposadr[scalar]] = low + share * (high - low)

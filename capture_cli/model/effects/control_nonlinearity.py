@@ -2,23 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.model.effects._actuator_effect import UNIT, ActuatorEffect, without_target
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class ControlNonlinearitySettings:
-    # Of what the largest control gives: at the ends of the range it arrives half as large, or 1.4 times
-    least: float = -0.5
-    most: float = 3.0
-
-
-SETTINGS = ControlNonlinearitySettings()
-
 
 SMALLEST = 0.1  # of 1 + bend u^2: where controls larger than the largest would have no square root
 
@@ -46,4 +33,7 @@ class ControlNonlinearity(ActuatorEffect):
     @property
     def parameters(self):
         square = self.scale**2
-        return (Parameter("bend", f"1/{UNIT}^2", SETTINGS.least / square, SETTINGS.most / square, 0.0),)
+        # Of what the largest control gives: at the ends of the range it arrives half as large, or 1.4 times
+        least = -0.5
+        most = 3.0
+        return (Parameter("bend", f"1/{UNIT}^2", least / square, most / square, 0.0),)

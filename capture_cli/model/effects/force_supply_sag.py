@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
@@ -16,16 +14,6 @@ from capture_cli.model.effects._scales import actuator_force_scale, actuator_for
 from capture_cli.model.effects.base import GLOBAL, Effect
 from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class ForceSupplySagSettings:
-    # Over the load at which all give the most that they commonly do; that of a servo is a guess, and mostly far
-    # too much
-    largest: float = 3.0
-
-
-SETTINGS = ForceSupplySagSettings()
 
 
 class Weakening:
@@ -79,8 +67,11 @@ class ForceSupplySag(Effect):
     def parameters(self):
         units = {actuator_force_unit(self.model, a) for a in self.fed}
         unit = units.pop() if len(units) == 1 else "N or N m"
+        # Over the load at which all give the most that they commonly do; that of a servo is a guess, and mostly far
+        # too much
+        largest = 3.0
         return (
-            Parameter("sag", "1/N" if unit == "N" else f"1/({unit})", 0.0, SETTINGS.largest / self.most, 0.0),
+            Parameter("sag", "1/N" if unit == "N" else f"1/({unit})", 0.0, largest / self.most, 0.0),
             Parameter("time_constant", "s", 0.0, 0.5, 0.07),
         )
 

@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class FrictionHardnessSettings:
-    most: float = 3.0  # decades: then the impedance is near the 0.9999 that MuJoCo allows
-
-
-SETTINGS = FrictionHardnessSettings()
 
 
 class FrictionHardness(JointEffect):
@@ -30,7 +20,8 @@ class FrictionHardness(JointEffect):
 
     @property
     def parameters(self):
-        return (Parameter("hardness", "1", 0.0, SETTINGS.most, 0.0),)
+        most = 3.0  # decades: then the impedance is near the 0.9999 that MuJoCo allows
+        return (Parameter("hardness", "1", 0.0, most, 0.0),)
 
     def write(self, fields, values):
         ratio = 10 ** values[:, 0]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
@@ -14,17 +12,6 @@ from capture_cli.model.effects.base import GLOBAL, Effect
 from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
-
-
-@dataclass(frozen=True)
-class GroundEffectSettings:
-    # radius: of the machine's size; and m, for a machine of any size
-    largest: float = 2.0
-    smallest: float = 0.01
-
-
-SETTINGS = GroundEffectSettings()
-
 
 MOST = 0.5  # of R / (4 z): nearer to the floor than half a radius nobody measured the law, and it has a pole
 TOUCHING = 1e-9  # m
@@ -70,9 +57,10 @@ class GroundEffect(Effect):
         super().__init__(model, site)
         self.rotors, self.floors = _rotors(model), _floors(model)
         self.at = model.actuator_trnid[self.rotors, 0]  # sites
-        self.largest = max(
-            SETTINGS.largest * max(_size(model, rotor) for rotor in self.at), SETTINGS.smallest
-        )
+        # radius: of the machine's size; and m, for a machine of any size
+        largest = 2.0
+        smallest = 0.01
+        self.largest = max(largest * max(_size(model, rotor) for rotor in self.at), smallest)
 
     @classmethod
     def sites(cls, model):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.log.turning_points import WaysBefore
@@ -12,17 +10,6 @@ from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects._scales import SETTINGS as SCALES
 from capture_cli.model.effects._scales import free_inertia
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class HystereticFrictionSettings:
-    turned: float = 4.0  # times the noise of what measures the joint: less is no way back
-    hides: float = 2.0  # times that noise: of the way, what nobody knows when a window begins
-    # times the distance that friction takes to build up: then nothing is left of what was before
-    forgotten: float = 5.0
-
-
-SETTINGS = HystereticFrictionSettings()
 
 
 class Bristles:
@@ -79,10 +66,9 @@ class HystereticFriction(FollowedForce):
 
     def look_in(self, log):
         super().look_in(log)
+        turned = 4.0  # times the noise of what measures the joint: less is no way back
         if self.seen is not None:
-            self._ways_before = WaysBefore(
-                self.seen.path, self.seen.stretches, SETTINGS.turned * self.seen.noise
-            )
+            self._ways_before = WaysBefore(self.seen.path, self.seen.stretches, turned * self.seen.noise)
 
     def force_since(self, given, timestep, first, states):
         return ForceWoundUpToHere(self, given | {"wound": self._wound(given, first, states)}, timestep)
@@ -93,7 +79,9 @@ class HystereticFriction(FollowedForce):
         longest = self.space.high[self.space.names.index("distance")]
         ways = self._ways_before(first)
         matters = np.ones((len(first), len(self.states)), dtype=bool)
-        matters[:, 1] = _reaches_back(ways) & (np.abs(ways).sum(axis=1) < SETTINGS.forgotten * longest)
+        # times the distance that friction takes to build up: then nothing is left of what was before
+        forgotten = 5.0
+        matters[:, 1] = _reaches_back(ways) & (np.abs(ways).sum(axis=1) < forgotten * longest)
         return matters
 
     def _wound(self, given: dict[str, np.ndarray], first: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -106,7 +94,8 @@ class HystereticFriction(FollowedForce):
         bristles = Bristles(friction=friction, distance=distance, timestep=0.0, wound=before)
         for way in ways.T:
             bristles.move(way)
-        hidden = SETTINGS.hides * self.seen.noise * states[:, 0]  # m or rad
+        hides = 2.0  # times the noise of what measures the joint: of the way, what nobody knows when a window begins
+        hidden = hides * self.seen.noise * states[:, 0]  # m or rad
         return np.clip(bristles.wound + hidden / distance, -1, 1)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import mujoco
@@ -14,16 +13,6 @@ from capture_cli.model.effects.base import GLOBAL, Effect
 from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
-
-
-@dataclass(frozen=True)
-class InternalMomentumSettings:
-    # rad/s: nutation, the momentum inside over the inertia of a free body, or over the largest that a chain turns
-    fastest: float = 10.0
-    parallel: float = 1e-6  # of axes, as a sine
-
-
-SETTINGS = InternalMomentumSettings()
 
 
 def gyroscopic_force(qvel, qacc, axes, frame, *, momentum, timestep):
@@ -59,7 +48,9 @@ class InternalMomentum(Effect):
 
     @property
     def parameters(self):
-        high = SETTINGS.fastest * float(self.model.dof_M0[self.dofs].max())
+        # rad/s: nutation, the momentum inside over the inertia of a free body, or over the largest that a chain turns
+        fastest = 10.0
+        high = fastest * float(self.model.dof_M0[self.dofs].max())
         return tuple(Parameter(axis, "N m s", -high, high, 0.0) for axis in "xyz")
 
     def force(self, values, timestep, **_):
@@ -91,12 +82,13 @@ def _turning(model: mujoco.MjModel) -> dict[int, list[int]]:
     axes = data.cdof[:, :3]
     turns = axes.any(axis=1)
     found = {}
+    parallel = 1e-6  # of axes, as a sine
     for body in range(1, model.nbody):
         first = model.body_dofadr[body]
         if not turns[first : first + model.body_dofnum[body]].any():
             continue  # it turns with the body that carries it, which is the place
         dofs = [d for d in _chain(model, body) if turns[d]]
-        if np.linalg.matrix_rank(axes[dofs], tol=SETTINGS.parallel) > 1:
+        if np.linalg.matrix_rank(axes[dofs], tol=parallel) > 1:
             found[body] = dofs
     return found
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.model.effects._joint_force import ForceOfKernel, JointForce
@@ -11,14 +9,6 @@ from capture_cli.model.effects._scales import characteristic_force, free_inertia
 from capture_cli.model.effects._two_mass import MOST_SHARE
 from capture_cli.model.effects._vibration import Vibration, VibrationEffect
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class LooseMassSettings:
-    most: float = 0.8  # of what the joint moves
-
-
-SETTINGS = LooseMassSettings()
 
 
 class Oscillator(Vibration):
@@ -63,8 +53,9 @@ class LooseMass(VibrationEffect, JointForce):
 
     @property
     def parameters(self):
+        most = 0.8  # of what the joint moves
         return (
-            Parameter("mass", self.unit("kg", "kg m^2"), 0.0, SETTINGS.most * self.total, 0.0),
+            Parameter("mass", self.unit("kg", "kg m^2"), 0.0, most * self.total, 0.0),
             *self.swinging,
         )
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
@@ -14,14 +12,6 @@ from capture_cli.model.effects._turning_axes import axes_that_show, reach, turni
 from capture_cli.model.effects.base import GLOBAL, Effect
 from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class PayloadSettings:
-    farthest: float = 3.0  # times the distance of the centre of mass; the end of a rod is at 2
-
-
-SETTINGS = PayloadSettings()
 
 
 class Payload(Effect):
@@ -85,7 +75,8 @@ class Payload(Effect):
         data = mujoco.MjData(self.model)
         mujoco.mj_kinematics(self.model, data)
         centre = data.xipos[body] - data.xpos[self.body]
-        return max(SETTINGS.farthest * float(np.linalg.norm(centre)), reach(self.model, body, centre))
+        farthest = 3.0  # times the distance of the centre of mass; the end of a rod is at 2
+        return max(farthest * float(np.linalg.norm(centre)), reach(self.model, body, centre))
 
     def write(self, fields, values):
         position = np.repeat(self.centre[None], len(values), axis=0)

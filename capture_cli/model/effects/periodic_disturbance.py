@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,15 +11,6 @@ from capture_cli.model.effects._periodic_force import SETTINGS as PERIODIC_FORCE
 from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.base import Recordings
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class PeriodicDisturbanceSettings:
-    fewest_periods: float = 2.0
-    phases: int = 8  # that are tried: from the best of them a descent need turn no further than a sixteenth
-
-
-SETTINGS = PeriodicDisturbanceSettings()
 
 
 def periodic_disturbance(time, *, sine, cosine, frequency):
@@ -51,10 +41,11 @@ class PeriodicDisturbance(PeriodicForce):
 
     def look_in(self, log):
         super().look_in(log)
+        phases = 8  # that are tried: from the best of them a descent need turn no further than a sixteenth
         if log.recordings is not None and log.recordings.several:
             self.recordings = log.recordings
             self.states = ("phase",)  # where a window begins, in turns
-            self.states_tried = np.arange(SETTINGS.phases)[:, None] / SETTINGS.phases - 0.5
+            self.states_tried = np.arange(phases)[:, None] / phases - 0.5
 
     def force(self, values, timestep, *, states=None, first=None, **_):
         given = self.coefficients(values)
@@ -103,7 +94,8 @@ class PeriodicDisturbance(PeriodicForce):
 
     def doubt(self, values, duration):
         periods = values[2] * duration
-        if periods < SETTINGS.fewest_periods:
+        fewest_periods = 2.0
+        if periods < fewest_periods:
             return f"only {periods:.2g} of its periods fit into an episode: any slow change looks like that"
         if self.recordings is not None and values[2] * self.window < 1:
             return (

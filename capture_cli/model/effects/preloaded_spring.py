@@ -2,20 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from capture_cli.model.effects._joint_effect import SpringEffect
 from capture_cli.model.effects._side_by_side import side_by_side
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class PreloadedSpringSettings:
-    farthest: float = 2.0  # of the joint's travel: where a spring that only ever pulls one way is at rest
-    pushes: float = 0.2  # of the stiffest spring: the most that one pushes away from where it rests
-
-
-SETTINGS = PreloadedSpringSettings()
 
 
 class PreloadedSpring(SpringEffect):
@@ -36,9 +25,11 @@ class PreloadedSpring(SpringEffect):
     @property
     def parameters(self):
         high = 5 * self.characteristic_force / self.travel
-        far = abs(self.middle) + SETTINGS.farthest * max(self.travel, self.reach)
+        farthest = 2.0  # of the joint's travel: where a spring that only ever pulls one way is at rest
+        far = abs(self.middle) + farthest * max(self.travel, self.reach)
+        pushes = 0.2  # of the stiffest spring: the most that one pushes away from where it rests
         return (
-            Parameter("stiffness", self.unit("N/m", "N m/rad"), -SETTINGS.pushes * high, high, 0.0),
+            Parameter("stiffness", self.unit("N/m", "N m/rad"), -pushes * high, high, 0.0),
             Parameter("rest", self.unit("m", "rad"), -far, far, 0.0),
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import mujoco
@@ -15,14 +14,6 @@ from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.object_names import object_name
 
 NEAREST = 4  # actuators, of which a sensor may show the current
-
-
-@dataclass(frozen=True)
-class SensorCrosstalkSettings:
-    most: float = 0.3  # of what a sensor commonly shows, from the largest force of an actuator
-
-
-SETTINGS = SensorCrosstalkSettings()
 
 
 _S, _O, _T = mujoco.mjtSensor, mujoco.mjtObj, mujoco.mjtTrn
@@ -75,7 +66,8 @@ class SensorCrosstalk(NumberEffect):
     def parameters(self):
         unit = f"{self.quantity.unit} per {actuator_force_unit(self.model, self.actuator)}"
         strongest = actuator_force_scale(self.model, self.actuator)
-        return self.for_each("share", unit, SETTINGS.most * self.quantity.size / strongest)
+        most = 0.3  # of what a sensor commonly shows, from the largest force of an actuator
+        return self.for_each("share", unit, most * self.quantity.size / strongest)
 
     def coefficients(self, values):
         return {"share": self.of_all(values)}

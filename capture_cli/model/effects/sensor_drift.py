@@ -2,19 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.model.effects._sensor_effect import NumberEffect
-
-
-@dataclass(frozen=True)
-class SensorDriftSettings:
-    largest: float = 0.03  # of the size that its values commonly have, per s
-
-
-SETTINGS = SensorDriftSettings()
 
 
 def drifted(series, *, rate, timestep, elapsed=0.0):
@@ -33,7 +23,8 @@ class SensorDrift(NumberEffect):
 
     @property
     def parameters(self):
-        return self.for_each("rate", f"{self.quantity.unit}/s", SETTINGS.largest * self.quantity.size)
+        largest = 0.03  # of the size that its values commonly have, per s
+        return self.for_each("rate", f"{self.quantity.unit}/s", largest * self.quantity.size)
 
     def coefficients(self, values):
         return {"rate": self.of_all(values)}

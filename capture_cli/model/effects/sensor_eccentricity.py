@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
@@ -11,16 +9,6 @@ from capture_cli.model.effects._scales import HINGE
 from capture_cli.model.effects._sensor_effect import SensorEffect
 from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class SensorEccentricitySettings:
-    # rad, of each amplitude: the reading still grows with the angle where all four are as large
-    largest: float = 0.05
-    inversions: int = 20  # fixed-point steps: each leaves at most 0.3 of the error
-
-
-SETTINGS = SensorEccentricitySettings()
 
 
 def eccentric(series, *, sine, cosine, sine_twice, cosine_twice):
@@ -46,13 +34,16 @@ class SensorEccentricity(SensorEffect):
     @property
     def parameters(self):
         names = ("sine", "cosine", "sine_twice", "cosine_twice")
-        return tuple(Parameter(name, "rad", -SETTINGS.largest, SETTINGS.largest, 0.0) for name in names)
+        # rad, of each amplitude: the reading still grows with the angle where all four are as large
+        largest = 0.05
+        return tuple(Parameter(name, "rad", -largest, largest, 0.0) for name in names)
 
     def undone(self, jets, values):
         sine, cosine, sine_twice, cosine_twice = values.T[..., None]
         reported, slope, curvature = np.moveaxis(jets, 1, 0)
         angle = reported
-        for _ in range(SETTINGS.inversions):
+        inversions = 20  # fixed-point steps: each leaves at most 0.3 of the error
+        for _ in range(inversions):
             error = eccentric(
                 angle, sine=sine, cosine=cosine, sine_twice=sine_twice, cosine_twice=cosine_twice
             )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.model.effects._followed_log import measured_stretches
@@ -13,15 +11,6 @@ from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 
 UNITS = ("N", "N m", "m/s^2")  # what sensors that are coupled so commonly measure
-
-
-@dataclass(frozen=True)
-class SensorHighPassSettings:
-    fastest: float = 2.0  # Hz, of the corner of the filter
-    on_before: float = 1.0  # s, for which a sensor was on before a simulation that begins in no log
-
-
-SETTINGS = SensorHighPassSettings()
 
 
 def high_passed(series, *, rate, timestep, held=0.0):
@@ -59,7 +48,8 @@ class SensorHighPass(SensorEffect):
 
     @property
     def parameters(self):
-        return (Parameter("rate", "1/s", 0.0, 2 * np.pi * SETTINGS.fastest, 0.0),)
+        fastest = 2.0  # Hz, of the corner of the filter
+        return (Parameter("rate", "1/s", 0.0, 2 * np.pi * fastest, 0.0),)
 
     states_mean = (
         "`held K`: the mean m of its number K when the episode began, in the sensor's unit. At 1 a common size of that "
@@ -77,7 +67,8 @@ class SensorHighPass(SensorEffect):
     def measure(self, sensors, values, timestep, *, states=None, first=None, **_):
         states = np.zeros(len(self.states)) if states is None else states
         # as of a value of the common size since the sensor was switched on, as long before as an episode lasts
-        held = self.sizes * states * -np.expm1(-values * (self.longest or SETTINGS.on_before))
+        on_before = 1.0  # s, for which a sensor was on before a simulation that begins in no log
+        held = self.sizes * states * -np.expm1(-values * (self.longest or on_before))
         if first is not None and self._reported is not None:
             held = held + values * self._reported[first]
         return self.measured(sensors, values, timestep, held=held)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
@@ -14,15 +12,6 @@ from capture_cli.model.effects._sensor_effect import NumberEffect, quantity
 from capture_cli.model.parameters import Parameter
 
 UNITS = ("m/s", "rad/s", "m/s^2", "N", "N m", "T")  # what sensors measure that have a range
-
-
-@dataclass(frozen=True)
-class SensorSaturationSettings:
-    beyond: float = 1.05  # of the largest number of a log: where nothing is cut off
-    least: float = 0.5  # of it, of a limit: noise is what is reported beyond that
-
-
-SETTINGS = SensorSaturationSettings()
 
 
 class SensorSaturation(NumberEffect):
@@ -57,8 +46,10 @@ class SensorSaturation(NumberEffect):
 
     @property
     def parameters(self):
-        high = SETTINGS.beyond * self._largest if self._largest else 2 * self.quantity.size
-        low = SETTINGS.least * self._largest if self._largest else 0.02 * self.quantity.size
+        beyond = 1.05  # of the largest number of a log: where nothing is cut off
+        high = beyond * self._largest if self._largest else 2 * self.quantity.size
+        least = 0.5  # of it, of a limit: noise is what is reported beyond that
+        low = least * self._largest if self._largest else 0.02 * self.quantity.size
         return (Parameter("limit", self.quantity.unit, low, high, high),)
 
     def coefficients(self, values):

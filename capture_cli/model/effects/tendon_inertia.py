@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
@@ -11,14 +9,6 @@ from capture_cli.model.effects._tendon_effect import TendonEffect, moving_dofs, 
 from capture_cli.model.effects.base import raised
 
 GEOMS = [int(w) for w in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)]
-
-
-@dataclass(frozen=True)
-class TendonInertiaSettings:
-    most: float = 2.0  # times the inertia that the tendon moves
-
-
-SETTINGS = TendonInertiaSettings()
 
 
 class TendonInertia(TendonEffect):
@@ -42,7 +32,8 @@ class TendonInertia(TendonEffect):
     @property
     def parameters(self):
         own = float(self.model.tendon_armature[self.tendon])
-        return (self.added("armature", self.unit("kg", "kg m^2"), own, SETTINGS.most * self.inertia),)
+        most = 2.0  # times the inertia that the tendon moves
+        return (self.added("armature", self.unit("kg", "kg m^2"), own, most * self.inertia),)
 
     def write(self, fields, values):
         armature = fields["tendon_armature"]

@@ -2,22 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from capture_cli.model.effects._side_by_side import side_by_side
 from capture_cli.model.effects._tendon_effect import TendonEffect
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class TendonSpringSettings:
-    stiffest: float = 5.0  # times what is characteristic of the tendon, over half of how far its length goes
-    # of that half, beyond what is reached: where a spring that only ever pulls one way is at rest
-    farthest: float = 2.0
-    least: float = 1e-3  # of a length of 1: of how far it goes, at least
-
-
-SETTINGS = TendonSpringSettings()
 
 
 class TendonSpring(TendonEffect):
@@ -38,10 +25,14 @@ class TendonSpring(TendonEffect):
 
     @property
     def parameters(self):
-        half = max((self.longest - self.shortest) / 2, SETTINGS.least)
+        least = 1e-3  # of a length of 1: of how far it goes, at least
+        half = max((self.longest - self.shortest) / 2, least)
         own = float(self.model.tendon_stiffness[self.tendon])
-        high = SETTINGS.stiffest * self.characteristic_force / half
-        near, far = self.shortest - SETTINGS.farthest * half, self.longest + SETTINGS.farthest * half
+        stiffest = 5.0  # times what is characteristic of the tendon, over half of how far its length goes
+        high = stiffest * self.characteristic_force / half
+        # of that half, beyond what is reached: where a spring that only ever pulls one way is at rest
+        farthest = 2.0
+        near, far = self.shortest - farthest * half, self.longest + farthest * half
         return (
             self.added("stiffness", self.unit("N/m", "N m/rad"), own, high),
             Parameter("rest", self.unit("m", "rad"), near, far, (self.shortest + self.longest) / 2),

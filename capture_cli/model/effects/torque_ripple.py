@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 
 from capture_cli.model.effects._kernel import Companion, call
@@ -12,14 +10,6 @@ from capture_cli.model.effects._periodic_force import AlongPosition
 from capture_cli.model.effects._places import reference, site_id
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class TorqueRippleSettings:
-    most: float = 0.7  # of each amplitude: both together stay below 1, where the force would change its sign
-
-
-SETTINGS = TorqueRippleSettings()
 
 
 class TorqueRipple(OnJoint, AlongPosition):
@@ -40,9 +30,10 @@ class TorqueRipple(OnJoint, AlongPosition):
 
     @property
     def parameters(self):
+        most = 0.7  # of each amplitude: both together stay below 1, where the force would change its sign
         return (
-            Parameter("sine", "1", -SETTINGS.most, SETTINGS.most, 0.0),
-            Parameter("cosine", "1", -SETTINGS.most, SETTINGS.most, 0.0),
+            Parameter("sine", "1", -most, most, 0.0),
+            Parameter("cosine", "1", -most, most, 0.0),
             self.period,
         )
 

@@ -2,19 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from capture_cli.model.effects._scales import moving_bodies
 from capture_cli.model.effects.base import GLOBAL, Effect
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class WindSettings:
-    storm: float = 20.0  # m/s
-
-
-SETTINGS = WindSettings()
 
 
 class Wind(Effect):
@@ -30,7 +20,8 @@ class Wind(Effect):
 
     @property
     def parameters(self):
-        return tuple(Parameter(axis, "m/s", -SETTINGS.storm, SETTINGS.storm, 0.0) for axis in "xyz")
+        storm = 20.0  # m/s
+        return tuple(Parameter(axis, "m/s", -storm, storm, 0.0) for axis in "xyz")
 
     def write(self, fields, values):
         wind = fields["opt.wind"]

@@ -11,15 +11,6 @@ from capture_cli.model.fields import ModelFields
 
 
 @dataclass(frozen=True)
-class ImpossibleInertiaSettings:
-    # of a moment: of a flat body one is the sum of the others, but for the last digits
-    rounding: float = 1e-12
-
-
-SETTINGS = ImpossibleInertiaSettings()
-
-
-@dataclass(frozen=True)
 class ImpossibleInertia:
     """A body by name, and its moments (3,), kg m^2, in ascending order."""
 
@@ -48,7 +39,9 @@ def impossible_inertias(fields: ModelFields) -> list[ImpossibleInertia]:
     if "body_inertia" not in fields.values:
         return []
     moments = fields["body_inertia"][0]
-    beyond = (moments > (1 + SETTINGS.rounding) * _of_the_others(moments)).any(axis=1)
+    # of a moment: of a flat body one is the sum of the others, but for the last digits
+    rounding = 1e-12
+    beyond = (moments > (1 + rounding) * _of_the_others(moments)).any(axis=1)
     return [
         ImpossibleInertia(fields.model.body(body).name or f"body {body}", np.sort(moments[body]).tolist())
         for body in np.flatnonzero(beyond)

@@ -11,17 +11,6 @@ from xml.parsers import expat
 
 from capture_cli.errors import ModelError
 
-
-@dataclass(frozen=True)
-class MjcfTextSettings:
-    # of anything that is counted: more takes MuJoCo minutes, or more memory than there is
-    most: int = 100_000
-    most_arena: int = 1 << 30  # bytes that each simulation may be given
-
-
-SETTINGS = MjcfTextSettings()
-
-
 # attributes that say how many; those of a <size> that begin with nuser_ as well
 _COUNTS = frozenset(
     [
@@ -102,6 +91,9 @@ def refuse_bad_numbers(files: Sequence[Path]) -> None:
     """Raise ModelError where an attribute in one of the files is no finite number, or counts more than `most`."""
     attributes = list(_attributes(files))
     names = {a.value for a in attributes if a.name in ("name", "class")}
+    # of anything that is counted: more takes MuJoCo minutes, or more memory than there is
+    most = 100_000
+    most_arena = 1 << 30  # bytes that each simulation may be given
     for attribute in attributes:
         if _is_no_number(attribute, names):
             raise ModelError(
@@ -109,15 +101,15 @@ def refuse_bad_numbers(files: Sequence[Path]) -> None:
                 cure="give a number there, or leave the attribute out for MuJoCo's own",
             )
         made = attribute.repeats * max(attribute.counts, default=0) if attribute.counts else 0
-        if made > SETTINGS.most:
+        if made > most:
             often = f", made {attribute.repeats} times" if attribute.repeats > 1 else ""
             raise ModelError(
-                f"{attribute}{often}: more than {SETTINGS.most} of a thing are not simulated in any useful time",
+                f"{attribute}{often}: more than {most} of a thing are not simulated in any useful time",
                 cure=f"give {attribute.name} the number that the machine has",
             )
-        if attribute.arena > SETTINGS.most_arena:
+        if attribute.arena > most_arena:
             raise ModelError(
-                f"{attribute}: each simulation would take that much, and may take {SETTINGS.most_arena >> 30} GB",
+                f"{attribute}: each simulation would take that much, and may take {most_arena >> 30} GB",
                 cure=f"give less, or leave {attribute.name} out: MuJoCo takes what the model needs",
             )
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import os
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -17,15 +16,6 @@ from capture_cli.model.fields import ModelFields, model_field
 from capture_cli.model.mjcf.assets import name_from, name_in_full
 from capture_cli.model.mjcf.impossible_inertia import impossible_inertias, without_rounding
 from capture_cli.model.mjcf.model_file import MUJOCO_ERRORS, free_centres, refuse_not_finite, refused
-
-
-@dataclass(frozen=True)
-class MjcfWriterSettings:
-    full_precision: int = 17  # significant digits that carry a double through text
-
-
-SETTINGS = MjcfWriterSettings()
-
 
 # of what a model is made of; a file that is loaded again has as many
 _SIZES = [
@@ -189,7 +179,8 @@ def _full_precision():
     library = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco.*"))))
     library._mjPRIVATE__set_xml_precision.argtypes = [ctypes.c_int]
     before = library._mjPRIVATE__get_xml_precision()
-    library._mjPRIVATE__set_xml_precision(SETTINGS.full_precision)
+    full_precision = 17  # significant digits that carry a double through text
+    library._mjPRIVATE__set_xml_precision(full_precision)
     try:
         yield
     finally:

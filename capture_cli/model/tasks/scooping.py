@@ -2,24 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.model.tasks._scooping import SETTINGS as SCOOPING
 from capture_cli.model.tasks._scooping import ScoopingPlant
 from capture_cli.model.tasks.base import Feature
-
-
-@dataclass(frozen=True)
-class ScoopingSettings:
-    # rad. A rod whose centre of mass is 0.047 half-lengths off leans by 0.013; the label changes at 0.0494,
-    # just inside the tine's centre (0.05), where the load of one tine alone is enough to lean it.
-    tilted: float = 0.05
-
-
-SETTINGS = ScoopingSettings()
-
 
 LIFTED = SCOOPING.lift / 2  # m; a balanced rod rises by all of it, less the way of the tines until they touch
 
@@ -41,7 +28,10 @@ class Scooping(ScoopingPlant):
         """
         height, tilt = outputs[..., 1], outputs[..., 2]
         side = np.where(tilt < 0, -1.0, 1.0)
-        balanced = (np.abs(tilt) <= SETTINGS.tilted) & (height >= LIFTED)
+        # rad. A rod whose centre of mass is 0.047 half-lengths off leans by 0.013; the label changes at 0.0494,
+        # just inside the tine's centre (0.05), where the load of one tine alone is enough to lean it.
+        tilted = 0.05
+        balanced = (np.abs(tilt) <= tilted) & (height >= LIFTED)
         return np.where(balanced, 0.0, side)[..., None]
 
     def reward(self, actions, trajectories):

@@ -2,22 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.model.tasks._scooping import SETTINGS as SCOOPING
 from capture_cli.model.tasks._scooping import ScoopingPlant
 from capture_cli.model.tasks.base import Feature
-
-
-@dataclass(frozen=True)
-class ScoopingDistanceSettings:
-    touch_time: float = 0.06  # s, when the tines touch the rod and before anything tips
-    in_balance: float = 0.05  # half-lengths: as far as the tines are from the scoop point
-
-
-SETTINGS = ScoopingDistanceSettings()
 
 
 class ScoopingDistance(ScoopingPlant):
@@ -28,7 +17,8 @@ class ScoopingDistance(ScoopingPlant):
     def __init__(self):
         super().__init__(("rod_x", "rod_z", "rod_tilt", "spatula_x", "spatula_z", "rod_com"))
         self.features = (Feature("distance", "1", 1.0),)
-        self.point_times = np.array([SETTINGS.touch_time])
+        touch_time = 0.06  # s, when the tines touch the rod and before anything tips
+        self.point_times = np.array([touch_time])
 
     def observe(self, outputs):
         """Distance in half-lengths, as the tines touch the rod."""
@@ -40,4 +30,5 @@ class ScoopingDistance(ScoopingPlant):
 
     def success(self, actions, trajectories):
         """Whether the centre of mass is between the tines, so that the rod would be lifted in balance."""
-        return trajectories[:, -1, 0] <= SETTINGS.in_balance
+        in_balance = 0.05  # half-lengths: as far as the tines are from the scoop point
+        return trajectories[:, -1, 0] <= in_balance

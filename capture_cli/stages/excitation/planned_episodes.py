@@ -24,14 +24,6 @@ from capture_cli.store.estimate import Estimate
 
 
 @dataclass(frozen=True)
-class PlannedEpisodesSettings:
-    judged: int = 16  # windows, evenly spread, in which it is seen how long finite differences have to be
-
-
-SETTINGS = PlannedEpisodesSettings()
-
-
-@dataclass(frozen=True)
 class Known:
     """What an estimate says of the next episode.
 
@@ -110,7 +102,8 @@ def planned(
     none_held_out = Split(np.zeros(len(windows), dtype=bool), "nothing held out")
     there = StartEstimate(starts, read.sd)
     prepared = PreparedLog(task, log, windows, there, known.noise, none_held_out)
-    some = evenly_spread(len(windows), SETTINGS.judged)
+    judged = 16  # windows, evenly spread, in which it is seen how long finite differences have to be
+    some = evenly_spread(len(windows), judged)
     step, _ = difference_step(prepared.part(some), threads, known.point)
     prepared = replace(prepared, difference_step=step)
     return as_acted(prepared) if known.acted else prepared, sound
