@@ -5,20 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 MISSING = "–"
-
-
-@dataclass(frozen=True)
-class QuantitiesSettings:
-    lost: float = 10.0  # times a value: a standard deviation beyond which digits of the value mean nothing
-    near: float = 0.01  # in the unit of the errors: a noise floor under this has more zeros than digits
-    longest_title: int = 26  # characters: more do not fit beside a small plot
-
-
-SETTINGS = QuantitiesSettings()
 
 
 # These symbols take a prefix where they open a unit and carry no exponent: "m/s" does, "m^2" and "kg" do not.
@@ -45,7 +34,8 @@ def scaled_unit(unit: str, magnitude: float | None) -> tuple[float, str]:
 
 def floor_unit(floor: float | None, unit: str, factor: float, label: str) -> tuple[float, str]:
     """(factor, unit to show) of a noise floor in `unit`, beside errors that are shown by `factor` in `label`."""
-    near = floor and floor * factor >= SETTINGS.near  # then it is easier to compare in one unit
+    # a noise floor under a hundredth of the unit of the errors has more zeros than digits
+    near = floor and floor * factor >= 0.01  # then it is easier to compare in one unit
     return (factor, label) if near else scaled_unit(unit, floor)
 
 
@@ -80,7 +70,8 @@ def to_precision_of(value: float | None, sd: float | None) -> str:
         return MISSING
     if not sd or not math.isfinite(sd):
         return significant(value, 4)
-    if 0 < SETTINGS.lost * abs(value) < sd:
+    lost = 10.0  # times a value: a standard deviation beyond which digits of the value mean nothing
+    if 0 < lost * abs(value) < sd:
         return significant(value, 2)
     decimals = 1 - _exponent(sd, 2)
     size = _exponent(value, 6) if value else 0
@@ -123,7 +114,8 @@ def shown_unit(unit: str) -> str:
 
 def titled(name: str, unit: str) -> str:
     """The title of an axis: "q [mm]"; a number without a unit is its name alone, and a long name is cut."""
-    name = name if len(name) <= SETTINGS.longest_title else name[: SETTINGS.longest_title - 1] + "…"
+    longest = 26  # characters: more do not fit beside a small plot
+    name = name if len(name) <= longest else name[: longest - 1] + "…"
     return f"{name} [{unit}]" if shown_unit(unit) else name
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,18 +20,6 @@ from capture_cli.model.coordinate_sources import unmeasured_joints
 from capture_cli.model.tasks.base import Channel, Task
 from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Simulator
-
-
-@dataclass(frozen=True)
-class LogRequirementsSettings:
-    moves_share: float = 0.05  # of the range: the step with which a parameter must move some output
-    moved_at_first: int = 16  # windows, evenly spread
-    moves_least: float = 1e-4  # of the noise floor: less is nothing
-    fewest_samples: int = 8  # of the longest episode
-
-
-SETTINGS = LogRequirementsSettings()
-
 
 IMPORT_AGAIN = "import it again: columns, scales and offsets are applied by `capture import-log`"
 
@@ -144,9 +131,10 @@ def check_long_enough(log: MeasuredLog, duration: float | None) -> None:
             f"{log.path}: its longest episode lasts {longest:.3g} s, and a window {duration:.3g} s",
             cure=set_shorter(longest, log.steps_of_longest, option=True),
         )
-    if max(e.stop - e.start for e in log.episodes) < SETTINGS.fewest_samples:
+    fewest_samples = 8  # of the longest episode
+    if max(e.stop - e.start for e in log.episodes) < fewest_samples:
         raise LogError(
-            f"{log.path}: no episode has {SETTINGS.fewest_samples} samples",
+            f"{log.path}: no episode has {fewest_samples} samples",
             cure="record longer, or at a higher rate",
         )
     interval = _interval(log)
@@ -190,11 +178,10 @@ def check_parameters_move_outputs(prepared: PreparedLog, *, seed: int, threads: 
         return 0
     random = np.random.default_rng(seed).uniform(0.1, 0.9, len(space))
     bases = np.clip([space.to_unit(space.nominal), np.full(len(space), 0.5), random], 0, 1)
-    some = prepared.part(evenly_spread(len(prepared.windows), SETTINGS.moved_at_first))
-    short = [
-        (some, base, base + np.where(base < 0.5, SETTINGS.moves_share, -SETTINGS.moves_share))
-        for base in bases
-    ]
+    moved_at_first = 16  # windows, evenly spread
+    some = prepared.part(evenly_spread(len(prepared.windows), moved_at_first))
+    moves_share = 0.05  # of the range: the step with which a parameter must move some output
+    short = [(some, base, base + np.where(base < 0.5, moves_share, -moves_share)) for base in bases]
     far = [(prepared, base, np.full(len(space), end)) for base in bases for end in (0.0, 1.0)]
     still, seen = np.ones(len(space), dtype=bool), np.zeros(len(space), dtype=bool)
     for part, base, to in [*short, *far]:
@@ -225,7 +212,8 @@ def _moves_outputs(
     outputs, diverged = part.evaluate(simulator, Trial(simulator.space.from_unit(moved), offsets))
     change = np.abs(evidence.residual(outputs[1:]) - evidence.residual(outputs[:1])).max(axis=2)
     valid = ~(diverged[1:] | diverged[:1])
-    return (valid & (change > SETTINGS.moves_least)).any(axis=1), valid.any(axis=1)
+    moves_least = 1e-4  # of the noise floor: less is nothing
+    return (valid & (change > moves_least)).any(axis=1), valid.any(axis=1)
 
 
 def all_diverged(task: Task) -> FitError:

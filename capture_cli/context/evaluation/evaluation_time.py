@@ -14,18 +14,6 @@ from capture_cli.simulate.simulator import Simulator
 
 
 @dataclass(frozen=True)
-class EvaluationTimeSettings:
-    probed: int = 64  # episodes, simulated to see how many a second there are
-    # of identifiers that simulate by themselves
-    probed_pairs: int = 2
-    probed_rounds: int = 5
-    smallest_planned: int = 50  # pairs in all, from which on it is said how long it will take
-
-
-SETTINGS = EvaluationTimeSettings()
-
-
-@dataclass(frozen=True)
 class Expected:
     """Rollouts that are to be simulated, and seconds that they take here and now."""
 
@@ -45,7 +33,8 @@ def expected(todo: Iterable[tuple[Evaluated, Sim2Sim]]) -> Expected | None:
     What identifiers simulate by themselves is seen on a few pairs and rounds, and taken to go on so.
     """
     todo = list(todo)
-    if sum(draw.pairs for _, draw in todo) < SETTINGS.smallest_planned:
+    smallest_planned = 50  # pairs in all, from which on it is said how long it will take
+    if sum(draw.pairs for _, draw in todo) < smallest_planned:
         return None
     by_itself: dict[str, float] = {}
     rollouts = 0.0
@@ -59,19 +48,23 @@ def expected(todo: Iterable[tuple[Evaluated, Sim2Sim]]) -> Expected | None:
 
 def _by_itself(e: Evaluated, draw: Sim2Sim) -> float:
     """Rollouts a pair that the identifier simulates besides its candidates."""
-    probe = replace(draw, pairs=SETTINGS.probed_pairs, rounds=min(draw.rounds, SETTINGS.probed_rounds))
+    # of identifiers that simulate by themselves
+    probed_pairs = 2
+    probed_rounds = 5
+    probe = replace(draw, pairs=probed_pairs, rounds=min(draw.rounds, probed_rounds))
     spent = probe.run(e.make, known=e.effects)["simulated_rollouts"].mean(axis=0)
     total = spent[-1] + (draw.rounds - probe.rounds) * (spent[-1] - spent[-2])
     return max(0.0, total - draw.rounds * e.kind.candidates)
 
 
 def _rollouts_per_second(draw: Sim2Sim) -> float:
-    source, _ = replace(draw, pairs=SETTINGS.probed, rounds=1).ends()
-    uniform = np.random.default_rng(0).random((SETTINGS.probed, len(draw.task.actions)))
+    probed = 64  # episodes, simulated to see how many a second there are
+    source, _ = replace(draw, pairs=probed, rounds=1).ends()
+    uniform = np.random.default_rng(0).random((probed, len(draw.task.actions)))
     actions = draw.policy.act(source, uniform)
     began = time.monotonic()
     Simulator(draw.task, threads=draw.threads).trajectories(source, actions)
-    return SETTINGS.probed / (time.monotonic() - began)
+    return probed / (time.monotonic() - began)
 
 
 def _duration(seconds: float) -> str:

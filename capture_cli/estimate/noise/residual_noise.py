@@ -11,7 +11,6 @@ for one sample alone: what of a position or a velocity stands out by itself is n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -23,21 +22,6 @@ from capture_cli.estimate.prepare import with_noise
 from capture_cli.estimate.prepared_log import PreparedLog, attitudes
 from capture_cli.estimate.solve.linearization import Linearization
 from capture_cli.log.white_noise import white_noise
-
-
-@dataclass(frozen=True)
-class ResidualNoiseSettings:
-    # Of a floor: one that is lower than this is lower by more than the scatter of two estimates from the same
-    # samples.
-    clearly_lower: float = 0.8
-    clearly_higher: float = 1.05
-    # Share of an output's noise that starts may take up: beyond it there is too little left to tell.
-    most_taken: float = 0.5
-    # Noise floors: where a sample stands out. Of Gaussian noise one in 2000 does, which raises no floor.
-    outlying: float = 3.5
-
-
-SETTINGS = ResidualNoiseSettings()
 
 
 def with_noise_of_residual(
@@ -52,7 +36,10 @@ def with_noise_of_residual(
     noise = prepared.noise
     sd = shared(_noise(part, fit.at), attitudes(prepared.task))
     by_differences = np.array([source == "differences" for source in noise.source])
-    lower = by_differences & (sd < SETTINGS.clearly_lower * noise.sd)
+    # Of a floor: one that is lower than this is lower by more than the scatter of two estimates from the same
+    # samples.
+    clearly_lower = 0.8
+    lower = by_differences & (sd < clearly_lower * noise.sd)
     if lower.any():
         prepared = _with(prepared, lower, sd, "residual", threads)
     return with_outliers(prepared, part, fit, threads)
@@ -65,7 +52,8 @@ def with_outliers(prepared: PreparedLog, part: PreparedLog, fit: Fit, threads: i
     noise = prepared.noise
     sd = shared(noise.sd * _more_with_outliers(part, fit.at, noise.sd), attitudes(prepared.task))
     trimmed = np.array([source in ("differences", "repeats", "residual") for source in noise.source])
-    higher = trimmed & (sd > SETTINGS.clearly_higher * noise.sd)
+    clearly_higher = 1.05
+    higher = trimmed & (sd > clearly_higher * noise.sd)
     return _with(prepared, higher, sd, "outliers", threads) if higher.any() else prepared
 
 
@@ -83,6 +71,8 @@ def _noise(part: PreparedLog, at: Linearization) -> np.ndarray:
     log, windows = part.log, part.windows
     taken = at.leverage.reshape(at.evidence.measured.shape)
     sd = np.full(taken.shape[2], np.inf)
+    # Share of an output's noise that starts may take up: beyond it there is too little left to tell.
+    most_taken = 0.5
     for k, series in enumerate(_left(part, at)):
         sampled = windows.sampled[..., k]
         times = [
@@ -90,7 +80,7 @@ def _noise(part: PreparedLog, at: Linearization) -> np.ndarray:
             for first, there in zip(windows.first, sampled, strict=True)
         ]
         found, share = white_noise(series, times), float(taken[..., k][sampled].mean())
-        if found is not None and share < SETTINGS.most_taken:
+        if found is not None and share < most_taken:
             sd[k] = max(found / np.sqrt(1 - share), least_floor(part.samples(k)))
     return sd
 
@@ -115,9 +105,9 @@ def _of_outliers(series: Sequence[np.ndarray]) -> float:
         for own in (slice(None, -2), slice(2, None))
     )
     off = inner - (before + after) / 2
-    alone = (np.abs(off) > SETTINGS.outlying * np.sqrt(1.5)) & (
-        np.abs(after - before) < SETTINGS.outlying * np.sqrt(2)
-    )
+    # Noise floors: where a sample stands out. Of Gaussian noise one in 2000 does, which raises no floor.
+    outlying = 3.5
+    alone = (np.abs(off) > outlying * np.sqrt(1.5)) & (np.abs(after - before) < outlying * np.sqrt(2))
     if not alone.any() or np.square(inner[~alone]).mean() > LACK_OF_FIT.practical_of_one**2:
         return 0.0
     return float((np.square(off[alone]) - 1.5).sum() / len(off))

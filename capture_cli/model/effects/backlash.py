@@ -2,24 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.model.effects._scales import characteristic_force
 from capture_cli.model.effects._transmission import TransmissionEffect
 from capture_cli.model.effects._two_mass import TwoMass
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class BacklashSettings:
-    # How far a stop gives at most under the force that the joint commonly sees, over the widest play
-    softest: float = 0.1
-
-
-SETTINGS = BacklashSettings()
-
 
 WITHIN = 2  # steps of the play in one of the model: stops are stiff
 
@@ -76,7 +64,8 @@ class Backlash(TransmissionEffect):
     @property
     def parameters(self):
         widest = 0.1 * self.travel
-        softest = SETTINGS.softest * widest / characteristic_force(self.model, self.joint)
+        # how far a stop gives at most under the force that the joint commonly sees, over the widest play
+        softest = 0.1 * widest / characteristic_force(self.model, self.joint)
         return (
             Parameter("width", self.unit("m", "rad"), 0.0, widest, 0.0),
             self.rotor,

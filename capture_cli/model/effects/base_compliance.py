@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import mujoco
@@ -17,17 +16,6 @@ from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
 AXES = ("x", "y", "z")
-
-
-@dataclass(frozen=True)
-class BaseComplianceSettings:
-    agitated: float = 5.0  # m/s^2: accelerations of the centre of mass, commonly within
-    seen: float = 1e-6  # of all mass, per m/s, or per rad/s at 1 m
-    poses: int = 4  # in which it is looked at whether the machine can push its base along an axis
-    most: float = 0.8  # of what stands on the springs: a base of a quarter of what moves on it
-
-
-SETTINGS = BaseComplianceSettings()
 
 
 class SprungBase(Vibration):
@@ -86,10 +74,12 @@ class BaseCompliance(VibrationEffect):
 
     @property
     def parameters(self):
-        return (Parameter("mobility", "1", 0.0, SETTINGS.most, 0.0), *self.swinging)
+        most = 0.8  # of what stands on the springs: a base of a quarter of what moves on it
+        return (Parameter("mobility", "1", 0.0, most, 0.0), *self.swinging)
 
     def force(self, values, timestep, *, states=None, **_):
-        begins = self.begins(values, states, SETTINGS.agitated * values[:, 0])
+        agitated = 5.0  # m/s^2: accelerations of the centre of mass, commonly within
+        begins = self.begins(values, states, agitated * values[:, 0])
         kind = ForceOfBase if self.accelerometers else ForceOfUnseenBase
         return kind(self, self.coefficients(values) | begins, timestep)
 
@@ -148,11 +138,13 @@ def _pushed(model: mujoco.MjModel) -> tuple[int, ...]:
     dofs = model.jnt_dofadr[driven_joints(model, by_tendons=True)]
     generator = np.random.default_rng(0)
     data, found = mujoco.MjData(model), set()
-    for _ in range(SETTINGS.poses):
+    seen = 1e-6  # of all mass, per m/s, or per rad/s at 1 m
+    poses = 4  # in which it is looked at whether the machine can push its base along an axis
+    for _ in range(poses):
         mujoco.mj_integratePos(model, data.qpos, generator.standard_normal(model.nv), 1.0)
         mujoco.mj_fwdPosition(model, data)
         for k in range(len(AXES)):
             moved = momentum_along(model, k, data.cdof, data.subtree_com, model.body_subtreemass)
-            if np.abs(moved[dofs]).max(initial=0.0) > SETTINGS.seen * model.body_subtreemass[0]:
+            if np.abs(moved[dofs]).max(initial=0.0) > seen * model.body_subtreemass[0]:
                 found.add(k)
     return tuple(sorted(found))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 
 from capture_cli.model.effects._joint_force import FORCE, JointForce
@@ -14,14 +12,6 @@ from capture_cli.model.effects._scales import HINGE, characteristic_force, drive
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class CoupledDriveSettings:
-    most: float = 1.5  # pulleys of joints that follow each other are about as large
-
-
-SETTINGS = CoupledDriveSettings()
 
 
 def passed_on(qfrc_actuator, *, ratio):
@@ -52,7 +42,7 @@ class CoupledDrive(JointForce):
     def parameters(self):
         turns = self.model.jnt_type[self.hangs_on] == HINGE
         unit = "1" if turns == self.is_hinge else "m" if turns else "1/m"
-        most = SETTINGS.most
+        most = 1.5  # pulleys of joints that follow each other are about as large
         if turns != self.is_hinge:  # a length: such that what is passed on is like other forces there
             most *= characteristic_force(self.model, self.hangs_on) / self.characteristic_force
         return (Parameter("ratio", unit, -most, most, 0.0),)

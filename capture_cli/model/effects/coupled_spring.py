@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 
 from capture_cli.model.effects._joint_effect import JointEffect
@@ -14,16 +12,6 @@ from capture_cli.model.effects._scales import HINGE, SLIDE, travel
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class CoupledSpringSettings:
-    # times what is characteristic of the joint, in N or N m, where it is farthest from 0
-    stiffest: float = 5.0
-    most: float = 2.0  # levers of joints that follow each other are about as long
-
-
-SETTINGS = CoupledSpringSettings()
 
 
 def pull(position, before, *, stiffness, ratio, rest):
@@ -63,8 +51,11 @@ class CoupledSpring(JointEffect):
         turns = self.model.jnt_type[self._joints[1]] == HINGE
         unit = "1" if turns == self.is_hinge else "m" if turns else "1/m"
         here, there = (self._farthest(k) for k in range(2))
-        most = SETTINGS.most if turns == self.is_hinge else SETTINGS.most * here / there
-        stiffest = SETTINGS.stiffest * self.characteristic_force / here
+        most = 2.0  # levers of joints that follow each other are about as long
+        if turns != self.is_hinge:
+            most *= here / there
+        # times what is characteristic of the joint, in N or N m, where it is farthest from 0
+        stiffest = 5.0 * self.characteristic_force / here
         return (
             Parameter("stiffness", self.unit("N/m", "N m/rad"), 0.0, stiffest, 0.0),
             Parameter("ratio", unit, -most, most, most / 2),

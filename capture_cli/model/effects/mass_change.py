@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
@@ -14,16 +12,6 @@ from capture_cli.model.effects._scales import moving_bodies
 from capture_cli.model.effects.base import GLOBAL, Effect
 from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class MassChangeSettings:
-    usual: float = 20.0  # s, that an episode takes where no log says
-    most: float = 0.8  # of the mass, that an episode adds or takes away
-
-
-SETTINGS = MassChangeSettings()
-
 
 SCALED = ("body_mass", "body_inertia")
 
@@ -53,7 +41,8 @@ class MassChange(Effect):
 
     @property
     def parameters(self):
-        most = SETTINGS.most / (self.longest or SETTINGS.usual)
+        usual = 20.0  # s, that an episode takes where no log says
+        most = 0.8 / (self.longest or usual)  # of the mass, that an episode adds or takes away
         return (Parameter("rate", "1/s", -most, most, 0.0),)
 
     def force(self, values, timestep, *, began=0.0, **_):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from capture_cli.model.effects._places import site_id
@@ -11,16 +9,6 @@ from capture_cli.model.effects._sensor_effect import NumberEffect, quantity
 from capture_cli.model.parameters import Parameter
 
 LEAST_SLOPE = 0.25  # of the reading: where it grows less it is not undone
-
-
-@dataclass(frozen=True)
-class SensorNonlinearitySettings:
-    inversions: int = 30  # Newton steps
-    # of the largest number, that each power adds there: the reading still grows, by half as much at least
-    most: float = 0.1
-
-
-SETTINGS = SensorNonlinearitySettings()
 
 
 def bent(series, *, quadratic, cubic):
@@ -57,7 +45,9 @@ class SensorNonlinearity(NumberEffect):
         largest, unit = self._largest or self.quantity.size, self.quantity.unit
         unit = f"({unit})" if set(unit) & set(" /^") else unit
         units = ("1", "1") if unit == "1" else (f"1/{unit}", f"1/{unit}^2")
-        most = SETTINGS.most / largest, SETTINGS.most / largest**2
+        # of the largest number, that each power adds there: the reading still grows, by half as much at least
+        share = 0.1
+        most = share / largest, share / largest**2
         return tuple(
             Parameter(name, per, -end, end, 0.0)
             for name, per, end in zip(("quadratic", "cubic"), units, most, strict=True)
@@ -68,7 +58,7 @@ class SensorNonlinearity(NumberEffect):
         reported, slope, curvature = np.moveaxis(jets, 1, 0)
         low, high = _grows(quadratic, cubic)
         true = np.clip(reported, low, high)
-        for _ in range(SETTINGS.inversions):
+        for _ in range(30):  # Newton steps
             gain = 1 + 2 * quadratic * true + 3 * cubic * true**2
             true = np.clip(true - (bent(true, quadratic=quadratic, cubic=cubic) - reported) / gain, low, high)
         gain, bend = 1 + 2 * quadratic * true + 3 * cubic * true**2, 2 * quadratic + 6 * cubic * true

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +23,6 @@ from capture_cli.model.tasks.reward import Goal, Reward
 FORMAT = 1
 
 
-@dataclass(frozen=True)
-class MjcfFileSettings:
-    points: int = 5  # of an episode with a reward, where none are given
-
-
-SETTINGS = MjcfFileSettings()
 _JOINT_SENSORS = {
     int(mujoco.mjtJoint.mjJNT_HINGE): "jointpos",
     int(mujoco.mjtJoint.mjJNT_SLIDE): "jointpos",
@@ -191,7 +184,7 @@ class MjcfFile(Task):
         _known(table, {"duration", "points", "outputs"}, where)
         seconds = "give the seconds that an episode lasts"
         duration = _positive(table, "duration", where, default=_REQUIRED, cure=seconds)
-        points = _value(table, "points", float, where, default=float(SETTINGS.points))
+        points = _value(table, "points", float, where, default=5.0)
         if points != int(points) or not 2 <= points <= duration / self.timestep + 1:
             raise TaskError(
                 f"{where}: points = {points:g}",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,19 +43,6 @@ from capture_cli.stages.documents.undetermined_document import with_limits
 from capture_cli.stages.identification.estimation import Found
 from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
 from capture_cli.store.estimate import FORMAT, HISTORY, VERSION, Estimate, EstimateRecord
-
-
-@dataclass(frozen=True)
-class EstimateDocumentSettings:
-    rough: float = 1.0  # of the objective over k: a standard error
-    disagree_p: float = 0.01  # of all parameters together, Bonferroni
-    # Of the value: of recordings that are as quiet as a simulation chance allows less than any use of a model
-    # notices, and less than its time step and the shape of its laws are good for.
-    matters: float = 0.01
-    near_zero: float = 1e-3  # of the bounds' span: ten of a fit's finite differences
-
-
-SETTINGS = EstimateDocumentSettings()
 
 
 class Report:
@@ -108,7 +95,8 @@ class Report:
         """The tolerance of held-out starts, of the objective over k: they are as exact as the fit was."""
         if self.result.in_context is None:
             return LEAST_SQUARES.converged_gain
-        return SETTINGS.rough if lacking and not self.result.elsewhere else FIT.tolerance
+        rough = 1.0  # of the objective over k: a standard error
+        return rough if lacking and not self.result.elsewhere else FIT.tolerance
 
     def _curves(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Simulated at the estimate and at the nominal values, (window, step, output); whether it diverged at the
@@ -275,14 +263,18 @@ def _agreement(
 
     document, p_values = {}, []
     spreads = [_spread(values[:, i], p) for i, p in enumerate(space)]
+    # Of the value: of recordings that are as quiet as a simulation chance allows less than any use of a model
+    # notices, and less than its time step and the shape of its laws are good for.
+    matters = 0.01
     for i, name in enumerate(space.names):
         weight = 1 / np.square(sd[:, i])
         mean = (weight * values[:, i]).sum() / weight.sum()
         p = float(chdtrc(len(values) - 1, (weight * np.square(values[:, i] - mean)).sum()))
-        p_values.append(p if joint.identifiable[i] and spreads[i][0] > SETTINGS.matters else 1.0)
+        p_values.append(p if joint.identifiable[i] and spreads[i][0] > matters else 1.0)
         document[name] = {"values": values[:, i].tolist(), "sd": sd[:, i].tolist(), "p_value": p}
     by_chance = float(chdtrc((len(values) - 1) * len(space), max(gain, 0.0)))
-    agree = max(min(p_values) * len(p_values), by_chance) > SETTINGS.disagree_p
+    disagree_p = 0.01  # of all parameters together, Bonferroni
+    agree = max(min(p_values) * len(p_values), by_chance) > disagree_p
     worst = int(np.argmin(p_values))
     share, of = spreads[worst]
     text = (
@@ -305,7 +297,8 @@ def _spread(values: np.ndarray, parameter: Parameter) -> tuple[float, str]:
     Of the bounds' span where the value is so near to 0, which it may be, that no share of it means anything.
     """
     value = abs(values.mean())
-    if parameter.low <= 0 <= parameter.high and value < SETTINGS.near_zero * parameter.span:
+    near_zero = 1e-3  # of the bounds' span: ten of a fit's finite differences
+    if parameter.low <= 0 <= parameter.high and value < near_zero * parameter.span:
         return float(np.ptp(values) / parameter.span), "of its bounds' span"
     return float(np.ptp(values) / value), "of its value"
 
