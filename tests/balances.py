@@ -13,7 +13,6 @@ from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.balance.whitening import Whitening
-from capture_cli.estimate.log_balance import log_of
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.model.effects import REGISTRY
@@ -50,7 +49,7 @@ class Made:
 
     @cached_property
     def smoothed(self) -> SmoothedLog:
-        return SmoothedLog.of(log_of(self.prepared), self.experiment.task)
+        return SmoothedLog.of(self.prepared.log.arrays, self.experiment.task)
 
     @cached_property
     def balance(self) -> ForceBalance:

@@ -12,7 +12,7 @@ from setting_numbers import set_numbers
 
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError
-from capture_cli.log.samples import Samples
+from capture_cli.log.arrays import Log
 from capture_cli.log.windows import cut
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.placed import Placed
@@ -81,7 +81,7 @@ def test_an_episode_of_an_action_is_what_a_log_of_it_would_show(text, strokes):
     episodes = task.episodes(actions)
     steps = episodes.inputs.shape[1]
     time = np.tile(task.timestep * np.arange(steps), 4)
-    samples = Samples(
+    samples = Log(
         time,
         np.zeros((4 * steps, 4)),
         [slice(k * steps, (k + 1) * steps) for k in range(4)],
@@ -119,7 +119,7 @@ def test_a_known_effect_acts_before_one_that_is_looked_for(slider_task):
     log = record(
         task=str(slider_task), out=slider_task.with_name("l.zarr"), amplitude={"drive": 5.0}, threads=1
     ).log
-    windows = cut(log.samples, None, task.timestep, task.linear, has_gaps=False)
+    windows = cut(log.arrays, None, task.timestep, task.linear, has_gaps=False)
     rest = Starts(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
     given = both.simulate(windows, rest, np.array([2.0, 1.0, 2.0, 0.5]))
     known = one.simulate(windows, rest, np.array([2.0, 1.0, 0.5]))

@@ -14,7 +14,6 @@ from capture_cli.errors import LogError
 from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.impacts import impacts
 from capture_cli.estimate.balance.motion import SmoothedLog
-from capture_cli.estimate.log_balance import log_of
 
 WALL_AT = 1.2 - 0.2 - 0.04  # m: its middle, half its width, and the radius of the puck
 CORNER = """<mujoco>
@@ -34,7 +33,7 @@ def puck():
 def test_samples_at_the_wall_are_left_out_and_the_rest_is_kept(puck):
     smoothed = puck.smoothed
     kept = np.concatenate([np.arange(p.start, p.stop) for p in smoothed.parts])
-    x = log_of(puck.prepared).outputs[:, 0]
+    x = puck.prepared.log.arrays.outputs[:, 0]
     assert (x[kept] < WALL_AT).all()
     assert (x > WALL_AT).any()
     assert len(kept) > 0.8 * len(x)
@@ -79,12 +78,14 @@ def test_no_force_of_a_coordinate_that_rests_is_asked_of_the_log(puck):
 def test_a_joint_that_no_sensor_shows_and_that_moves_leaves_no_balance():
     made = Made.of("cart_pole", episodes=3)
     task = made.experiment.task
-    own = SmoothedLog.of(log_of(made.prepared), task)
+    own = SmoothedLog.of(made.prepared.log.arrays, task)
     assert own.dofs.tolist() == [0, 1]
     few = copy(task)
     few.outputs = task.outputs[:1]
     with pytest.raises(LogError, match="all joints that move"):
-        SmoothedLog.of(replace(log_of(made.prepared), outputs=log_of(made.prepared).outputs[:, :1]), few)
+        SmoothedLog.of(
+            replace(made.prepared.log.arrays, outputs=made.prepared.log.arrays.outputs[:, :1]), few
+        )
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -100,7 +101,7 @@ def test_effects_of_impacts_are_left_to_simulations(puck):
 
 
 def test_a_log_that_is_mostly_impacts_has_no_balance(puck):
-    log = log_of(puck.prepared)
+    log = puck.prepared.log.arrays
     at_wall = replace(
         log, outputs=np.where(np.arange(2)[None] == 0, np.maximum(log.outputs, 1.0), log.outputs)
     )

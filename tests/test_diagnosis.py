@@ -33,8 +33,8 @@ from capture_cli.estimate.solve.base import Best
 from capture_cli.estimate.solve.intervals import intervals
 from capture_cli.estimate.solve.linearization import Evidence, Linearization
 from capture_cli.estimate.split import UNEQUAL, Divided, NewSplit
+from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.samples import Samples
 from capture_cli.log.white_noise import from_differences, trimmed_sd
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks import load_task
@@ -84,7 +84,7 @@ def test_noise_floor_of_a_log_with_uneven_times(jitter):
 def test_noise_floor_takes_what_is_declared_and_sees_a_coarse_encoder():
     time = np.linspace(0, 5, 2000)
     outputs = np.stack([np.sin(time), 0.01 * np.round(np.sin(time) / 0.01)], axis=1)
-    log = Samples(time, outputs, [slice(0, 2000)])
+    log = Log(time, outputs, [slice(0, 2000)])
     found = noise_floor(log, [0.5, None], driven_by=[np.zeros((2000, 0))], block=50)
     assert found.sd[0] == 0.5
     assert found.source[0] == "declared"
@@ -101,7 +101,7 @@ def test_the_four_numbers_of_an_attitude_have_one_floor(turn):
     noise = Rotation.from_rotvec(0.005 * generator.standard_normal((len(time), 3)))
     exact, outputs = (r.as_quat(canonical=False)[:, [3, 0, 1, 2]] for r in (true, true * noise))
     arguments = dict(driven_by=[np.zeros((4000, 0))], block=50, attitudes=[np.arange(4)])
-    noisy, exactly = (Samples(time, values, [slice(0, 4000)]) for values in (outputs, exact))
+    noisy, exactly = (Log(time, values, [slice(0, 4000)]) for values in (outputs, exact))
     found = noise_floor(noisy, [None] * 4, **arguments)
     assert (found.sd == found.sd[0]).all()
     assert found.source == ("differences",) * 4
@@ -124,7 +124,7 @@ def repeated(generator, noise, start=0.0, same_drive=True):
     drive = [np.sin(3 * time + (0 if same_drive else k))[:, None] for k in range(REPEATS)]
     episodes = [slice(k * STEPS, (k + 1) * STEPS) for k in range(REPEATS)]
     tiled = np.concatenate([time + 7 * k for k in range(REPEATS)])
-    return noise_floor(Samples(tiled, outputs, episodes), [None], driven_by=drive, block=60)
+    return noise_floor(Log(tiled, outputs, episodes), [None], driven_by=drive, block=60)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -156,7 +156,7 @@ def test_an_axis_that_rests_does_not_hide_repeats_of_the_others(locked_at):
     swing = np.tile(np.sin(6 * np.arange(STEPS) / 250), 2) + 1e-3 * generator.standard_normal(2 * STEPS)
     outputs = np.stack([swing, np.full(2 * STEPS, locked_at)], axis=1)
     found = noise_floor(
-        Samples(time, outputs, [slice(0, STEPS), slice(STEPS, 2 * STEPS)]),
+        Log(time, outputs, [slice(0, STEPS), slice(STEPS, 2 * STEPS)]),
         [None, 1e-3],
         driven_by=[np.sin(np.arange(STEPS))[:, None]] * 2,
         block=60,

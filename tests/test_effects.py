@@ -27,8 +27,8 @@ from scipy.linalg import expm
 
 from capture_cli.errors import ModelError
 from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.log.arrays import Log
 from capture_cli.log.input_sequences import CachedSequences
-from capture_cli.log.samples import Samples
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.log.windows import cut
 from capture_cli.model import effects
@@ -829,7 +829,7 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     effect = effects.REGISTRY.get(name)(task.model, "drive")
     time = 0.004 * np.arange(750)
     log = {"time": time, "inputs": 30 * np.sign(np.sin(61 * time))[:, None], "outputs": np.zeros((750, 1))}
-    samples = Samples(**log, episodes=[slice(0, 750)])
+    samples = Log(**log, episodes=[slice(0, 750)])
     whole, windows = (cut(samples, d, task.timestep, np.array([False])) for d in (None, 0.5))
     values = np.array([value])
     rollout = Engine(task.model, 1).rollout(
@@ -857,7 +857,7 @@ def test_what_fades_began_to_with_the_episode(name, site):
     effect = effects.REGISTRY.get(name)(task.model, site)
     time = 5 + 0.004 * np.arange(750)
     log = {"time": time, "inputs": 30 * np.sign(np.sin(61 * time))[:, None], "outputs": np.zeros((750, 1))}
-    samples = Samples(**log, episodes=[slice(0, 750)])
+    samples = Log(**log, episodes=[slice(0, 750)])
     whole, windows = (cut(samples, d, task.timestep, np.array([False])) for d in (None, 0.5))
     values, zero = np.array([[-0.6, 1.5]]), np.zeros(1)
     begin = replace(model_starts(task.model, 1).starts, time=np.array([5.0]))
@@ -887,7 +887,7 @@ def test_a_motor_is_as_hot_in_a_window_as_its_log_made_it(recordings):
     time = np.concatenate([5 + 0.004 * np.arange(750), 20 + 0.004 * np.arange(500)])
     control = 30 * np.sign(np.sin(61 * time)) * np.where(time % 2 < 1, 1.0, 0.3)
     log = {"time": time - 5, "episodes": [slice(0, 750), slice(750, 1250)]}
-    samples = Samples(**log, inputs=control[:, None], outputs=np.zeros((1250, 1)))
+    samples = Log(**log, inputs=control[:, None], outputs=np.zeros((1250, 1)))
     windows = cut(samples, 0.5, 0.002, np.array([False]))
     before = [0.1, 0.1] if recordings == 1 else [0.1, 0.25]
 
@@ -921,7 +921,7 @@ def test_a_clock_drifts_from_the_start_of_the_episode(error):
     effect = effects.REGISTRY.get("sensor-clock-rate")(task.model, GLOBAL)
     time = 0.004 * np.arange(750)
     log = {"time": time, "inputs": 30 * np.sin(11 * time)[:, None], "outputs": np.zeros((750, 1))}
-    samples = Samples(**log, episodes=[slice(0, 750)])
+    samples = Log(**log, episodes=[slice(0, 750)])
     whole, windows = (cut(samples, d, task.timestep, np.array([True])) for d in (None, 0.5))
     rollout = Engine(task.model, 1).rollout(
         starts=model_starts(task.model, 1).starts,

@@ -16,7 +16,7 @@ from machines import MACHINES, NAMES, away, controls, machine, placed, start
 from plain_loop import imported, looped
 
 from capture_cli.errors import ModelError, OutputError, StoreError
-from capture_cli.log.samples import Samples
+from capture_cli.log.arrays import Log
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.log.windows import cut
 from capture_cli.model import effects
@@ -127,7 +127,7 @@ def simulated(task: Path, found: Found) -> np.ndarray:
     machine_ = loaded(str(task))
     tape = controls(machine_.model, 1)[0]
     time = 0.25 + machine_.timestep * np.arange(len(tape))
-    samples = Samples(time, np.zeros((len(tape), len(machine_.outputs))), [slice(0, len(tape))], tape)
+    samples = Log(time, np.zeros((len(tape), len(machine_.outputs))), [slice(0, len(tape))], tape)
     windows = cut(samples, None, machine_.timestep, np.zeros(len(machine_.inputs), dtype=bool))
     simulator = Simulator(
         machine_, [(name.partition("@")[0], effect) for name, (effect, _) in found.items()], 1

@@ -9,8 +9,8 @@ from diagnosing import diagnose
 from machines import DRONE, build, run
 from plain_loop import imported, looped
 
+from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.samples import Samples
 from capture_cli.log.windows import cut
 from capture_cli.model.effects.companion import companion_module
 from capture_cli.model.effects.ground_effect import GroundEffect, lift_near_floor
@@ -200,7 +200,7 @@ def flown(task, radius: float) -> MeasuredLog:
     inputs = hover * (1 + 0.1 * np.concatenate(both))
     time, ends = np.tile(clock, EPISODES), SAMPLES * (1 + np.arange(EPISODES))
     episodes = [slice(end - SAMPLES, end) for end in ends]
-    samples = Samples(time, np.zeros((len(time), 3)), episodes, inputs)
+    samples = Log(time, np.zeros((len(time), 3)), episodes, inputs)
     whole = cut(samples, None, task.timestep, np.zeros(2, dtype=bool))
     qpos, qvel = np.zeros((EPISODES, 3)), 0.05 * generator.standard_normal((EPISODES, 3))
     qpos[:, 1] = generator.uniform(0.0, 0.1, EPISODES)

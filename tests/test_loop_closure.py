@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from capture_cli.estimate.initial_states.from_outputs import SETTINGS as FROM_OUTPUTS
 from capture_cli.estimate.initial_states.from_outputs import Places, StartEstimate, estimate_starts
-from capture_cli.log.samples import Samples
+from capture_cli.log.arrays import Log
 from capture_cli.model.loop_closure import LoopClosure, MeasuredPositions
 from capture_cli.model.states import Starts, offsets_between, shift
 from capture_cli.simulate.engine import Engine, Keep
@@ -84,7 +84,7 @@ def estimated(model, time, outputs, at, believed=None) -> StartEstimate:
     return estimate_starts(
         model,
         [0],
-        Places(Samples(time, outputs, [slice(0, len(time))]), at, np.zeros(len(at), dtype=int)),
+        Places(Log(time, outputs, [slice(0, len(time))]), at, np.zeros(len(at), dtype=int)),
         np.full(1, NOISE),
         unmeasured=believed or astray(model, len(at), 0),
     )
@@ -191,7 +191,7 @@ def test_constraints_are_as_soft_as_loads_have_them(sensors):
             model,
             sensors,
             Places(
-                Samples(time[::EVERY], done.sensors[0, ::EVERY][:, sensors], [slice(0, STEPS // EVERY)]),
+                Log(time[::EVERY], done.sensors[0, ::EVERY][:, sensors], [slice(0, STEPS // EVERY)]),
                 at,
                 np.zeros(len(at), dtype=int),
             ),
@@ -296,7 +296,7 @@ def test_outputs_that_contradict_a_loop_are_named(off):
     found = estimate_starts(
         model,
         [0, 1],
-        Places(Samples(time, outputs, [slice(0, len(time))]), at, np.zeros(len(at), dtype=int)),
+        Places(Log(time, outputs, [slice(0, len(time))]), at, np.zeros(len(at), dtype=int)),
         noise,
     )
     assert list(found.open_loops) == ["pin"] * bool(off)

@@ -16,7 +16,6 @@ from benchmarks._planted_logs.cases import PLANTED, Case
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
-from capture_cli.estimate.log_balance import log_of
 from capture_cli.estimate.prepare import prepare
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.beam import BeamSettings, Level, grown
@@ -162,7 +161,7 @@ def screening_of_case(case: Case, *names: str) -> Screening:
     task, log, _ = case.build()
     prepared = prepare(log, task)
     placed = [c.placed for c in all_candidates(prepared) if not names or c.name in names]
-    return Screening.of(SmoothedLog.of(log_of(prepared), prepared.task), placed, task.space.nominal, 1)
+    return Screening.of(SmoothedLog.of(prepared.log.arrays, prepared.task), placed, task.space.nominal, 1)
 
 
 def additions_of(case: Case, *names: str) -> dict[str, float]:
@@ -193,7 +192,7 @@ def test_slow_noise_of_sensors_is_none_of_the_model():
     noise = coloured((len(ends), ends[0]), np.random.default_rng(1), sd=1e-3, memory=8.0).reshape(-1, 1)
     prepared = prepare(replace(log, outputs=log.outputs + noise), made.experiment.task)
     placed = [c.placed for c in all_candidates(prepared) if c.placed.kind == "coulomb-friction"]
-    smoothed = SmoothedLog.of(log_of(prepared), prepared.task)
+    smoothed = SmoothedLog.of(prepared.log.arrays, prepared.task)
     own = Screening.of(smoothed, placed, prepared.task.space.nominal, 1)
     (found,) = own.additions((), ())
     assert own.whitening.slow_noise.max() > 0.5

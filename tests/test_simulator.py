@@ -12,7 +12,7 @@ from setting_numbers import set_numbers
 
 from capture_cli.context.histories.action_library import Multisines, sequence_task
 from capture_cli.estimate.initial_states.from_outputs import model_starts
-from capture_cli.log.samples import Samples
+from capture_cli.log.arrays import Log
 from capture_cli.log.windows import Windows, cut
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.base import GLOBAL
@@ -24,9 +24,7 @@ from capture_cli.simulate.simulator import Simulator
 def cut_windows(task) -> Windows:
     """Windows of two short episodes."""
     time = np.arange(90) / 100
-    samples = Samples(
-        time, np.zeros((90, 1)), [slice(0, 50), slice(50, 90)], inputs=np.sin(7 * time)[:, None]
-    )
+    samples = Log(time, np.zeros((90, 1)), [slice(0, 50), slice(50, 90)], inputs=np.sin(7 * time)[:, None])
     return cut(samples, 0.2, task.timestep, np.array([False]))
 
 

@@ -26,8 +26,8 @@ from capture_cli.estimate.noise.autocorrelation import (
 )
 from capture_cli.estimate.noise.noise_floor import noise_floor
 from capture_cli.estimate.prepare import prepare
+from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.samples import Samples
 from capture_cli.model.tasks import load_task
 from capture_cli.report.curves import Curves
 from capture_cli.stages import diagnose as diagnose_stage
@@ -99,13 +99,13 @@ def test_noise_of_a_slow_sensor_is_that_of_its_samples(choose):
         np.arange(3600), np.concatenate([e.start + choose(1200, generator) for e in episodes])
     )
     drive = [np.full((1200, 1), float(k)) for k in range(3)]
-    log = Samples(time, np.where(sampled, outputs, 1e9), episodes, sampled=sampled)
+    log = Log(time, np.where(sampled, outputs, 1e9), episodes, sampled=sampled)
     found = noise_floor(log, [None, None], driven_by=drive, block=50)
     assert found.sd == pytest.approx([1e-3, 5e-3], rel=0.12)
     assert found.source == ("differences", "differences")
     alike = np.sin(2 * time)[:, None] + [1e-3, 5e-3] * generator.standard_normal((3600, 2))
     sampled[:, 1] = np.arange(3600) % EVERY == 1
-    log = Samples(time, np.where(sampled, alike, 1e9), episodes, sampled=sampled)
+    log = Log(time, np.where(sampled, alike, 1e9), episodes, sampled=sampled)
     found = noise_floor(log, [None, None], driven_by=[np.zeros((1200, 1))] * 3, block=50)
     assert found.sd == pytest.approx([1e-3, 5e-3], rel=0.12)
     assert found.source == ("repeats", "repeats")

@@ -16,7 +16,7 @@ from capture_cli.estimate.initial_states.from_outputs import (
     model_starts,
 )
 from capture_cli.estimate.initial_states.local_motion import Neighbours, local_motion
-from capture_cli.log.samples import Samples
+from capture_cli.log.arrays import Log
 from capture_cli.model import effects
 from capture_cli.model.coordinate_sources import measures_every_coordinate, sources_of, unmeasured_joints
 from capture_cli.model.states import Starts, offsets_between, shift
@@ -86,7 +86,7 @@ def estimate(
     data = columns(model, *names)
     outputs = sensors[:, data] + noise * np.random.default_rng(4).standard_normal((len(time), len(data)))
     outputs = outputs if sampled is None else np.where(sampled, outputs, 1e3)
-    log = Samples(time, outputs, [slice(0, len(time))], sampled=sampled)
+    log = Log(time, outputs, [slice(0, len(time))], sampled=sampled)
     places = Places(log, first, np.zeros(len(first), dtype=int))
     found = estimate_starts(model, data, places, np.full(len(data), max(noise, 1e-9)), **options)
     error = np.zeros((len(first), 2 * model.nv))
@@ -272,7 +272,7 @@ def test_an_attitude_may_turn_by_more_than_half_a_turn_within_reach(turned):
         model,
         range(4),
         Places(
-            Samples(0.02 * np.arange(60), outputs, [slice(0, 60)]),
+            Log(0.02 * np.arange(60), outputs, [slice(0, 60)]),
             np.array([0, 20, 40]),
             np.zeros(3, dtype=int),
         ),
@@ -478,9 +478,7 @@ def test_a_camera_gives_the_slides_that_carry_a_point():
     found = estimate_starts(
         plate,
         data,
-        Places(
-            Samples(0.002 * np.arange(600), outputs, [slice(0, 600)]), first, np.zeros(len(first), dtype=int)
-        ),
+        Places(Log(0.002 * np.arange(600), outputs, [slice(0, 600)]), first, np.zeros(len(first), dtype=int)),
         np.full(4, 1e-5),
     )
     np.testing.assert_allclose(found.starts.qpos, done.qpos[0, first], atol=1e-4)
@@ -606,7 +604,7 @@ def test_gears_and_tendons_are_solved_for_the_joints_they_move(names):
         gears,
         data,
         Places(
-            Samples(0.001 * np.arange(1000), outputs, [slice(0, 1000)]),
+            Log(0.001 * np.arange(1000), outputs, [slice(0, 1000)]),
             first,
             np.zeros(len(first), dtype=int),
         ),

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.log.samples import Samples
+from capture_cli.log.arrays import Log
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.log.windows import Windows, cut, stretches
 
@@ -40,7 +40,7 @@ def windows_of(times: list[np.ndarray], duration, linear=False) -> tuple[Windows
         "outputs": random.standard_normal((len(time), 3)),
     }
     spans = [slice(b - len(t), b) for t, b in zip(times, ends, strict=True)]
-    samples = Samples(**log, episodes=spans)
+    samples = Log(**log, episodes=spans)
     return cut(samples, duration, TIMESTEP, np.array([False, linear])), log
 
 
@@ -219,7 +219,7 @@ def test_times_rounded_in_a_file_stay_on_the_grid():
     exact = 0.002 * np.arange(500)
     log = {"inputs": np.arange(500.0)[:, None], "outputs": np.zeros((500, 1)), "episodes": [slice(0, 500)]}
     for time in (exact, np.round(exact + 7.3, 6) + 1e-9 * (-1) ** np.arange(500)):
-        windows = cut(Samples(time, **log), 0.25, 0.002, np.array([False]))
+        windows = cut(Log(time, **log), 0.25, 0.002, np.array([False]))
         assert windows.weight.max() < 1e-3
         for w, steps in enumerate(steps_of(windows)):
             np.testing.assert_array_equal(windows.controls[w, : len(steps), 0], steps)

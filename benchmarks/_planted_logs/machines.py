@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import MACHINES
+from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.samples import Samples
 from capture_cli.log.windows import cut
 from capture_cli.model.effects.base import Effect
 from capture_cli.model.states import Starts
@@ -96,7 +96,7 @@ class Experiment:
 
     def cut(self, outputs: np.ndarray, duration: float | None):
         """Windows of `duration` s (episodes where None) of a log of this experiment with `outputs` (step, output)."""
-        samples = Samples(self.time, outputs, self.episodes, self.inputs)
+        samples = Log(self.time, outputs, self.episodes, self.inputs)
         return cut(samples, duration, self.task.timestep, np.zeros(len(self.task.inputs), dtype=bool))
 
     def log(self, outputs: np.ndarray) -> MeasuredLog:

@@ -11,7 +11,7 @@ import numpy as np
 
 from capture_cli.errors import LogError
 from capture_cli.estimate.balance.input_timing import InputTiming, input_timings
-from capture_cli.estimate.balance.motion import Log, SmoothedLog
+from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.screening import SETTINGS as SCREENING
 from capture_cli.estimate.balance.screening import declared_balance, parameters_sd
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -27,7 +27,7 @@ def smoothed_log(prepared: PreparedLog, windows: np.ndarray) -> SmoothedLog | No
     for first, count in zip(own.first[windows], own.samples[windows], strict=True):
         within[first : first + count] = True
     try:
-        return SmoothedLog.of(log_of(prepared), prepared.task, within & _between_stops(prepared))
+        return SmoothedLog.of(prepared.log.arrays, prepared.task, within & _between_stops(prepared))
     except LogError:
         return None
 
@@ -78,12 +78,6 @@ def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:
         replace(c, linear=linear.get(c.name, False)) if c.linear is None else c for c in task.inputs
     )
     return known
-
-
-def log_of(prepared: PreparedLog) -> Log:
-    """The arrays of the log."""
-    log = prepared.log
-    return Log(log.time, log.inputs, log.values, log.sampled, log.episodes)
 
 
 def _between_stops(prepared: PreparedLog) -> np.ndarray:

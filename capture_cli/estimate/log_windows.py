@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.samples import Samples
 from capture_cli.log.windows import Spans, Windows, at_spans, cut
 from capture_cli.model.tasks.base import Task
 
@@ -21,9 +21,9 @@ def clock(log: MeasuredLog) -> np.ndarray:
     return log.time - log.time[0]
 
 
-def clocked(log: MeasuredLog) -> Samples:
+def clocked(log: MeasuredLog) -> Log:
     """The log by the clock of simulations."""
-    return replace(log.samples, time=clock(log))
+    return replace(log.arrays, time=clock(log))
 
 
 def cut_log(log: MeasuredLog, task: Task, duration: float | None) -> Windows:

@@ -62,7 +62,7 @@ def prepare(
     # half a window within these: over how long repeats are compared
     repeated_samples = (16, 100)
     noise = noise_floor(
-        log.samples,
+        log.arrays,
         [c.noise_sd for c in task.outputs],
         driven_by=driven_by(log),
         block=int(np.clip(np.median(windows.samples) / 2, *repeated_samples)),

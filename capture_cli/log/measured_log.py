@@ -15,7 +15,7 @@ import numpy as np
 
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.errors import LogError, StoreError
-from capture_cli.log.samples import Samples
+from capture_cli.log.arrays import Log
 from capture_cli.store.document_shape import (
     FLAG,
     NAME,
@@ -137,9 +137,9 @@ class MeasuredLog:
         return self.outputs if sampled.all() else np.where(sampled, self.outputs, 0.0)
 
     @property
-    def samples(self) -> Samples:
+    def arrays(self) -> Log:
         """The numbers alone."""
-        return Samples(self.time, self.values, self.episodes, self.inputs, self.sampled)
+        return Log(self.time, self.values, self.episodes, self.inputs, self.sampled)
 
     @property
     def episodes(self) -> list[slice]:

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.log.arrays import Log
 from capture_cli.log.input_sequences import SETTINGS as INPUT_SEQUENCES
 from capture_cli.log.input_sequences import InputSequences, LoggedInputs, input_sequences
-from capture_cli.log.samples import Samples
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class Spans:
 
 
 def cut(
-    samples: Samples, duration: float | None, timestep: float, linear: np.ndarray, *, has_gaps: bool = True
+    samples: Log, duration: float | None, timestep: float, linear: np.ndarray, *, has_gaps: bool = True
 ) -> Windows:
     """Windows of `duration` seconds (whole episodes where None) of every episode.
 
@@ -156,7 +156,7 @@ def cut(
     return at_spans(Spans(*np.array(spans).T), samples, timestep, linear)
 
 
-def at_spans(spans: Spans, samples: Samples, timestep: float, linear: np.ndarray) -> Windows:
+def at_spans(spans: Spans, samples: Log, timestep: float, linear: np.ndarray) -> Windows:
     """The windows of a log at `spans`, which may overlap; the rest is as for `cut`."""
     time, episodes = samples.time, samples.episodes
     episode, begun, first, stop = spans.episode, spans.begun, spans.first, spans.stop

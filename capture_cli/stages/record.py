@@ -15,8 +15,8 @@ from capture_cli.common.documents import resolved
 from capture_cli.common.extras import require
 from capture_cli.context.observation_noise import standard_deviations
 from capture_cli.errors import FitError, OptionError, did_you_mean
+from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.samples import Samples
 from capture_cli.log.windows import cut
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.options.base import takes_options
@@ -190,7 +190,7 @@ def _simulate(simulator: Simulator, driven: Drive, point: np.ndarray) -> np.ndar
     machine = simulator.task
     episodes = [slice(a, b) for a, b in zip([0, *driven.ends[:-1]], driven.ends, strict=True)]
     time = driven.time - driven.time[0]  # the inputs may be those of a log
-    samples = Samples(time, np.zeros((len(time), len(machine.outputs))), episodes, driven.inputs)
+    samples = Log(time, np.zeros((len(time), len(machine.outputs))), episodes, driven.inputs)
     windows = cut(samples, None, machine.timestep, machine.linear, has_gaps=False)
     try:
         starts = replace(driven.starts, time=windows.time)

@@ -14,7 +14,6 @@ from capture_cli.context.worlds import _robosuite  # noqa: F401
 
 # isort: split
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
 from pathlib import Path
 
 import gymnasium

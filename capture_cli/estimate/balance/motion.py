@@ -13,6 +13,7 @@ from capture_cli.errors import LogError
 from capture_cli.estimate.balance.impacts import impacts
 from capture_cli.estimate.balance.resting import Resting, model_start, resting
 from capture_cli.estimate.balance.smoothing import FEWEST, Series, smooth
+from capture_cli.log.arrays import Log
 from capture_cli.log.windows import stretches
 from capture_cli.model.contacts import can_touch
 from capture_cli.model.coordinate_sources import Source, sources_of
@@ -39,19 +40,6 @@ class MotionSettings:
 
 
 SETTINGS = MotionSettings()
-
-
-@dataclass(frozen=True)
-class Log:
-    """What a log holds, as arrays: time (step,), s; inputs (step, input); outputs (step, output), which have a sample
-    where `sampled` (step, output). episodes: their steps.
-    """
-
-    time: np.ndarray
-    inputs: np.ndarray
-    outputs: np.ndarray
-    sampled: np.ndarray
-    episodes: Sequence[slice]
 
 
 @dataclass(frozen=True)
@@ -139,7 +127,7 @@ class SmoothedLog:
                 for derivative in range(2):
                     numbers[:, derivative, column] = series[n].at(log.time[part], derivative)
             qpos[part], qvel[part], _ = self.states(numbers, np.arange(part.start, part.stop))
-        return resting(self.task, log.samples, qpos, qvel, shown)
+        return resting(self.task, log, qpos, qvel, shown)
 
     @property
     def dofs(self) -> np.ndarray:

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from mujoco import batch
 
-from capture_cli.log.samples import Samples
+from capture_cli.log.arrays import Log
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.mujoco_warnings import silence_mujoco
 from capture_cli.model.tasks.base import Task
@@ -40,7 +40,7 @@ class Resting:
     rests: np.ndarray
 
 
-def resting(task: Task, log: Samples, qpos: np.ndarray, qvel: np.ndarray, shown: np.ndarray) -> Resting:
+def resting(task: Task, log: Log, qpos: np.ndarray, qvel: np.ndarray, shown: np.ndarray) -> Resting:
     """Of a log. qpos (step, nq), qvel (step, nv): as measured, of the coordinates that are `shown` (nv,)."""
     model, time, episodes = task.model, log.time, log.episodes
     at = model.jnt_qposadr[model.dof_jntid[~shown]]
@@ -75,7 +75,7 @@ class _Path:
     inertia: np.ndarray
 
 
-def _carried(task: Task, log: Samples, qpos, qvel, shown, at) -> list[_Path]:
+def _carried(task: Task, log: Log, qpos, qvel, shown, at) -> list[_Path]:
     """The nominal model through all episodes side by side, set to what is measured at every sample."""
     model, time, episodes = task.model, log.time, log.episodes
     controls = task.controls(log.inputs[None])[0]

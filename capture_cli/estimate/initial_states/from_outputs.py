@@ -17,10 +17,10 @@ import numpy as np
 from capture_cli.estimate.initial_states.local_motion import SETTINGS as LOCAL_MOTION
 from capture_cli.estimate.initial_states.local_motion import LocalMotion, Neighbours, local_motion
 from capture_cli.estimate.initial_states.rotations import rotations, turned
+from capture_cli.log.arrays import Log
 from capture_cli.log.range_ends import piled_up_from
 from capture_cli.log.reported_motion import SETTINGS as REPORTED_MOTION
 from capture_cli.log.reported_motion import ReportedMotion, extended
-from capture_cli.log.samples import Samples
 from capture_cli.model.coordinate_sources import Source, sources_of
 from capture_cli.model.loop_closure import LoopClosure, MeasuredPositions
 from capture_cli.model.states import Starts
@@ -65,7 +65,7 @@ class StartEstimate:
 class Places:
     """Where windows begin in a log: of each its first step and its episode, (window,)."""
 
-    log: Samples
+    log: Log
     first: np.ndarray
     episode: np.ndarray
 
@@ -78,7 +78,7 @@ class _Outputs:
     sampled: np.ndarray
     noise_sd: np.ndarray
 
-    def between_samples(self, log: Samples) -> np.ndarray:
+    def between_samples(self, log: Log) -> np.ndarray:
         """The values with straight lines between samples: near enough to follow a loop by."""
         if self.sampled.all():
             return self.values

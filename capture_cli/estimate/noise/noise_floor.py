@@ -19,8 +19,8 @@ import numpy as np
 
 from capture_cli.estimate.noise.repeats import SETTINGS as REPEATS
 from capture_cli.estimate.noise.repeats import SHORTEST, from_repeats, repeats
+from capture_cli.log.arrays import Log
 from capture_cli.log.quantisation import scatter_of_steps
-from capture_cli.log.samples import Samples
 from capture_cli.log.white_noise import from_differences, trimmed_sd
 
 
@@ -44,7 +44,7 @@ class NoiseFloor:
 
 
 def noise_floor(
-    log: Samples,
+    log: Log,
     declared: Sequence[float | None],
     *,
     driven_by: Sequence[np.ndarray],

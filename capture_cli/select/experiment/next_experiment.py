@@ -12,7 +12,7 @@ import numpy as np
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.estimate.model_fits import ModelFits
-from capture_cli.log.samples import Samples
+from capture_cli.log.arrays import Log
 from capture_cli.log.windows import Windows, cut
 from capture_cli.model.tasks.base import Task
 from capture_cli.select.experiment.excitation_range import ExcitationRange, Predicted
@@ -97,7 +97,7 @@ def driven_windows(task: Task, time: np.ndarray, tapes: np.ndarray) -> Windows:
     log.
     """
     count, steps = tapes.shape[:2]
-    samples = Samples(
+    samples = Log(
         np.tile(time, count),
         np.zeros((count * steps, len(task.outputs))),
         [slice(steps * k, steps * (k + 1)) for k in range(count)],

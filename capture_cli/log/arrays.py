@@ -1,4 +1,4 @@
-"""The numbers of a log: what is cut into windows, and what initial states and noise are read off."""
+"""A log as plain arrays: what is cut into windows, and what motion, initial states and noise are read off."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Samples:
+class Log:
     """SI units. time (step,); outputs (step, output); episodes: the steps of each; inputs (step, input): none by
     default.
 
