@@ -13,9 +13,9 @@ def gen_histories(options: GenHistoriesOptions) -> None:
     """
     from capture_cli.stages.gen_histories import gen_histories as stage
 
-    document = stage(options)
+    made = stage(options)
     if options.json_:
-        print_json(document)
+        print_json(made)
     elif not options.quiet:
-        new = f"{document['shards_made']} of {document['shards']} shards are new"
-        print(f"{options.out}: {document['pairs']} histories of {options.rounds} rounds; {new}")
+        new = f"{made['shards_made']} of {made['shards']} shards are new"
+        print(f"{options.out}: {made['pairs']} histories of {options.rounds} rounds; {new}")

@@ -19,15 +19,10 @@ from capture_cli.report.findings import (
     UNTRUSTED,
     behind,
     beyond_chance,
-    impossible,
     input_timing,
-    left_open,
     not_alike,
-    out_of_time,
     outputs_left,
-    time_stamps,
-    time_step,
-    undetermined,
+    said,
 )
 from capture_cli.store.diagnosis import Diagnosis, DiagnosisRecord
 
@@ -271,13 +266,7 @@ def notes(record: DiagnosisRecord) -> list[str]:
             )
         if record.parameters or record.effects:
             found.append(UNTRUSTED)
-    found += out_of_time(record)
-    found += undetermined(record)
-    found += left_open(record)
-    found += impossible(record)
-    found += input_timing(record)
-    found += time_stamps(record)
-    found += time_step(record)
+    found += beside(record)
     found += [
         f"{name} is at the end of its range: the range, not the log, decides it."
         for name, p in record.parameters.items()
@@ -286,6 +275,12 @@ def notes(record: DiagnosisRecord) -> list[str]:
     if record.before["test"] is None:
         found.append("Nothing was held out: the errors are those of data that was used.")
     return found
+
+
+def beside(record: DiagnosisRecord) -> list[str]:
+    """What has to be known beside the answer, and it does not say."""
+    found = said(record, "out_of_time", "undetermined", "held_out", "impossible_inertia")
+    return [*found, *input_timing(record), *said(record, "time_stamps", "time_step")]
 
 
 def expression(record: DiagnosisRecord) -> str:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.quantities import bound, floor_unit, scaled_unit, significant, with_unit
-from capture_cli.store.diagnosis import DiagnosisRecord
 from capture_cli.store.estimate import Estimate, EstimateRecord
 from capture_cli.store.result import Record, Result
 
@@ -127,13 +126,9 @@ def notes(record: EstimateRecord) -> list[str]:
     if record.in_context and record.in_context["text"]:
         found.append(record.in_context["text"])
     found += unmeasured(record)
-    found += left_open(record)
-    found += undetermined(record)
-    found += impossible(record)
+    found += said(record, "held_out", "undetermined", "impossible_inertia")
     found += [_at_bound(n, p) for n, p in record.parameters.items() if p["at_bound"]]
-    found += input_timing(record)
-    found += time_stamps(record)
-    found += time_step(record)
+    found += input_timing(record) + said(record, "time_stamps", "time_step")
     recordings = record.recordings
     if recordings and not recordings["agree"]:
         behind = "; here the time step may be that" if record.time_step else ""
@@ -148,9 +143,16 @@ def notes(record: EstimateRecord) -> list[str]:
     return found
 
 
-def undetermined(record: Record) -> list[str]:
-    """What of the parameters the log leaves open; earlier versions did not look in a diagnosis."""
-    return list(dict.fromkeys(item["text"] for item in (record.undetermined or [])))
+def said(record: Record, *keys: str) -> list[str]:
+    """What the record says in words under each of these, once; nothing where there is nothing, or an earlier version
+    did not look.
+    """
+    found: list[str] = []
+    for key in keys:
+        items = getattr(record, key) or []
+        items = items if isinstance(items, list) else [items]
+        found += [item if isinstance(item, str) else item["text"] for item in items]
+    return list(dict.fromkeys(found))
 
 
 def unmeasured(record: EstimateRecord) -> list[str]:
@@ -177,16 +179,6 @@ def open_loops(record: EstimateRecord) -> list[str]:
     ]
 
 
-def impossible(record: Record) -> list[str]:
-    """What no body can be, and yet was found; earlier versions did not look."""
-    return [item["text"] for item in (record.impossible_inertia or [])]
-
-
-def left_open(record: Record) -> list[str]:
-    """What was held out and the fit left open; earlier versions did not look."""
-    return [record.held_out["text"]] if record.held_out else []
-
-
 def cut_short(record: EstimateRecord) -> list[str]:
     """Whether rounds ran out; earlier versions did not look."""
     rounds = record.cut_short
@@ -198,16 +190,6 @@ def cut_short(record: EstimateRecord) -> list[str]:
     ]
 
 
-def time_step(record: Record) -> list[str]:
-    """What of the estimate is the model's time step; earlier versions did not look."""
-    return [record.time_step["text"]] if record.time_step else []
-
-
-def out_of_time(record: DiagnosisRecord) -> list[str]:
-    """That the search was ended; earlier versions had no limit."""
-    return [record.out_of_time] if record.out_of_time else []
-
-
 def input_timing(record: Record) -> list[str]:
     """What inputs do between rows, where that had to be found out and is not the plain case; earlier versions did not
     look.
@@ -215,11 +197,6 @@ def input_timing(record: Record) -> list[str]:
     found = record.input_timing
     linear = found and any(i["interpolate"] == "linear" for i in found["inputs"].values())
     return [found["text"]] if linear else []
-
-
-def time_stamps(record: Record) -> list[str]:
-    """What of the noise is as if stamps were off at random; earlier versions did not look."""
-    return [record.time_stamps["text"]] if record.time_stamps else []
 
 
 def behind(record: Record) -> str:

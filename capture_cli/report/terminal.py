@@ -110,7 +110,7 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
         ("where", words.strongest_covariate(record) if is_unexplained else ""),
         ("formula", _formula_line(record)),
         *_rivals_line(record),
-        ("note", " ".join(_beside(diagnosis))),
+        ("note", " ".join([*words.suspicions(diagnosis), *words.beside(record)])),
         ("next", words.next_experiment(record)),
     ):
         if line:
@@ -140,21 +140,6 @@ def _print_predictions(result: Estimate | Diagnosis, screen: _Screen) -> None:
         screen.table(prediction.for_terminal(found, SETTINGS.most_predicted))
         for why in found.left_out:
             screen.wrapped("", why, "dim")
-
-
-def _beside(diagnosis: Diagnosis) -> list[str]:
-    """What has to be known beside the answer, and no other line says."""
-    record = diagnosis.record
-    found = [
-        findings.out_of_time,
-        findings.undetermined,
-        findings.left_open,
-        findings.impossible,
-        findings.input_timing,
-        findings.time_stamps,
-        findings.time_step,
-    ]
-    return [*diagnosis_findings.suspicions(diagnosis), *(text for told in found for text in told(record))]
 
 
 class _Screen:

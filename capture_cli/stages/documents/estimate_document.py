@@ -261,7 +261,7 @@ def _agreement(
     """
     from scipy.special import chdtrc
 
-    document, p_values = {}, []
+    parameters, p_values = {}, []
     spreads = [_spread(values[:, i], p) for i, p in enumerate(space)]
     # Of the value: of recordings that are as quiet as a simulation chance allows less than any use of a model
     # notices, and less than its time step and the shape of its laws are good for.
@@ -271,7 +271,7 @@ def _agreement(
         mean = (weight * values[:, i]).sum() / weight.sum()
         p = float(chdtrc(len(values) - 1, (weight * np.square(values[:, i] - mean)).sum()))
         p_values.append(p if joint.identifiable[i] and spreads[i][0] > matters else 1.0)
-        document[name] = {"values": values[:, i].tolist(), "sd": sd[:, i].tolist(), "p_value": p}
+        parameters[name] = {"values": values[:, i].tolist(), "sd": sd[:, i].tolist(), "p_value": p}
     by_chance = float(chdtrc((len(values) - 1) * len(space), max(gain, 0.0)))
     disagree_p = 0.01  # of all parameters together, Bonferroni
     agree = max(min(p_values) * len(p_values), by_chance) > disagree_p
@@ -287,7 +287,7 @@ def _agreement(
     return {
         "values": values,
         "sd": sd,
-        "document": {"names": names, "agree": bool(agree), "parameters": document, "text": text},
+        "document": {"names": names, "agree": bool(agree), "parameters": parameters, "text": text},
     }
 
 
