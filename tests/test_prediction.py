@@ -20,7 +20,7 @@ from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
 from capture_cli.select.candidates import all_candidates
 from capture_cli.stages import identify as stage
-from capture_cli.stages.documents.prediction_document import prediction_of
+from capture_cli.stages.documents.result_document import prediction_of
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.record import record
 

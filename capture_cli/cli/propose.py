@@ -19,6 +19,7 @@ def propose(options: ProposeOptions) -> None:
     Example: capture propose run.estimate --out proposal.json
     """
     from capture_cli.common.json_text import json_text
+    from capture_cli.stages.propose import proposal_csv
     from capture_cli.stages.propose import propose as stage
     from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_misnamed
     from capture_cli.store.proposal import ProposalRecord
@@ -31,8 +32,6 @@ def propose(options: ProposeOptions) -> None:
     document = stage(options)
     texts = []
     if csv is not None:
-        from capture_cli.stages.excitation.proposal_csv import proposal_csv
-
         texts.append((csv, proposal_csv(document, options.result, options.task)))
     if out is not None:
         texts.append((out, json_text(document) + "\n"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +14,7 @@ import numpy as np
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError
 from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.options.base import takes_options
 from capture_cli.options.propose import ProposeOptions
@@ -31,13 +34,12 @@ from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.excitation.drive import Drive, acted
 from capture_cli.stages.excitation.planned_episodes import Known, planned
 from capture_cli.stages.recorded.proposed_machine import is_diagnosis, proposed_machine
-from capture_cli.stages.recorded.recorded_log import recorded_log
 from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.store.diagnosis import EXPERIMENT, Diagnosis
 from capture_cli.store.document_shape import NUMBER, check_shape, or_none
 from capture_cli.store.estimate import Estimate
-from capture_cli.store.output import PROVENANCE, refuse_inputs
-from capture_cli.store.proposal import FORMAT, VERSION
+from capture_cli.store.output import PROVENANCE, refuse_inputs, sha256
+from capture_cli.store.proposal import FORMAT, VERSION, ProposalRecord
 from capture_cli.store.result import read_provenance
 
 
@@ -318,3 +320,46 @@ def _farthest(folder: Path, task: Task, estimate: Estimate, amplitude: Mapping[s
     log = estimate.record.log
     # estimates of before the peaks were kept have none
     return peaks(task, (log.get("input_peaks") or recorded_log(folder, log).input_peaks) | dict(amplitude))
+
+
+def recorded_log(result: Path, recorded: Mapping[str, Any]) -> MeasuredLog:
+    """The log of the directory `result`, of which it recorded path and sha256.
+
+    It is looked for from here, from the folder of `result`, and in that folder. Raises OptionError where none of these
+    is the log as it was then, StoreError where it cannot be read.
+    """
+    path, beside = Path(recorded["path"]), Path(result).resolve().parent
+    there = [p for p in (path, beside / path, beside / path.name) if p.is_dir()]
+    for place in there:
+        if sha256(place) == recorded["sha256"]:
+            return MeasuredLog.read(place)
+    found = f"{there[0]} has changed since" if there else "it is neither here nor beside it"
+    raise OptionError(
+        f"{result} does not say how far the inputs of its log {path} went, and {found}",
+        cure="say how far each input may be driven: --amplitude INPUT=VALUE; or identify again",
+    )
+
+
+def proposal_csv(document: Mapping[str, Any], result: Path, task: str | None = None) -> str:
+    """The inputs of the proposal `document`, made of `result`, in the columns and units of the log; one row of actions.
+
+    Raises CaptureError.
+    """
+    proposal = ProposalRecord.of(document)
+    machine, _ = proposed_machine(Path(result), task)
+    if isinstance(machine, ActionTask):
+        values = {f"action.{name}": [action["value"]] for name, action in proposal.action.items()}
+    else:
+        values = {machine.log.time: [t / machine.log.time_scale for t in proposal.time_s]}
+        for channel in machine.inputs:
+            own = [(u - channel.offset) / channel.scale for u in proposal.inputs[channel.name]]
+            if values.setdefault(channel.column, own) != own:
+                raise OptionError(
+                    f"--csv: column {channel.column!r} drives several inputs, and what is proposed for them differs",
+                    cure="give each its own column in the task.toml, or take the JSON",
+                )
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(values)
+    writer.writerows([f"{v:.9g}" for v in row] for row in zip(*values.values(), strict=True))
+    return text.getvalue()

@@ -13,7 +13,7 @@ from capture_cli.estimate.held_out import HeldOut
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit
 from capture_cli.estimate.noise.time_stamp_jitter import TimeStampJitter
 from capture_cli.estimate.part_fit import PartFit
-from capture_cli.estimate.prediction import Predicted
+from capture_cli.estimate.prediction import Predicted, PredictionError, PredictionErrors, Runs
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.intervals import Intervals
 from capture_cli.estimate.time_step import ShorterStep
@@ -25,7 +25,6 @@ from capture_cli.model.mjcf.impossible_inertia import impossible_inertias
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks.base import Task
 from capture_cli.simulate.simulator import Begun
-from capture_cli.stages.documents.prediction_document import by_output, prediction_of
 from capture_cli.stages.documents.undetermined_document import undetermined_of
 from capture_cli.store.output import sha256
 
@@ -300,3 +299,37 @@ def attributes_of(log: MeasuredLog) -> dict[str, Any]:
         "outputs": [{"name": name, "unit": unit} for name, unit in outputs],
         "recordings": list(log.recording_names),
     }
+
+
+def prediction_of(prepared: PreparedLog, found: Predicted) -> dict[str, Any]:
+    """The errors of each part by its name: by horizon, and of each recording in free run; None of one that is empty."""
+    return {name: None if part is None else _part(prepared, part) for name, part in found.items()}
+
+
+def _part(prepared: PreparedLog, found: PredictionErrors) -> dict[str, Any]:
+    *_, free_runs = found.predictions
+    return {
+        "horizons": [{"horizon": p.horizon, **_runs(prepared, p.runs)} for p in found.predictions],
+        "recordings": {name: _runs(prepared, runs) for name, runs in free_runs.recordings.items()},
+        "left_out": found.left_out,
+    }
+
+
+def _runs(prepared: PreparedLog, runs: Runs) -> dict[str, Any]:
+    models = {name: _error(prepared, error) for name, error in runs.errors.items()}
+    return {"runs": runs.count, "longest": runs.longest, "models": models}
+
+
+def _error(prepared: PreparedLog, error: PredictionError) -> dict[str, Any]:
+    return {
+        "rmse": by_output(prepared, error.rmse),
+        "over_floor": by_output(prepared, error.rmse / prepared.noise.sd),
+        "normalized": None if error.diverged else error.normalized,
+        "diverged": error.diverged,
+    }
+
+
+def by_output(prepared: PreparedLog, errors: np.ndarray) -> dict[str, float | None]:
+    """Errors (output,) by the names of the outputs; None of those that are nan."""
+    names = [c.name for c in prepared.task.outputs]
+    return {n: None if np.isnan(e) else float(e) for n, e in zip(names, errors, strict=True)}
