@@ -158,9 +158,9 @@ def test_a_true_motion_is_reported_as_it_was_seen(name):
     rng = np.random.default_rng(1)
     for where, effect in placed(name):
         model, timestep = machine(where), machine(where).opt.timestep
-        jets = rng.normal(size=(4, 3, model.nsensordata)) * np.array([1.0, 1.0, 0.0])[:, None]
+        derivatives = rng.normal(size=(4, 3, model.nsensordata)) * np.array([1.0, 1.0, 0.0])[:, None]
         values = np.stack([away(effect, part) for part in (0.1, 0.4, 0.7, 1.0)])
-        true = effect.true_motion(jets, values)
+        true = effect.true_motion(derivatives, values)
         time = timestep * np.arange(5)
         value = true[:, 0] + true[:, 1] * effect.lateness(
             values
@@ -172,13 +172,15 @@ def test_a_true_motion_is_reported_as_it_was_seen(name):
         )  # at 1.5, 2.5 and 3.5 steps; a parabola through them at 0:
         slope = np.tensordot(between, [4.375, -5.25, 1.875], axes=(1, 0))
         if name in ("sensor-quantisation", "sensor-saturation"):
-            assert np.array_equal(true, jets)  # what is rounded or cut off cannot be undone
+            assert np.array_equal(true, derivatives)  # what is rounded or cut off cannot be undone
             continue
-        np.testing.assert_allclose(seen[:, 0], jets[:, 0], atol=1e-9)
+        np.testing.assert_allclose(seen[:, 0], derivatives[:, 0], atol=1e-9)
         # of a cubic reading a parabola through three of its slopes is not the whole
-        np.testing.assert_allclose(slope, jets[:, 1], atol=1e-5 if name == "sensor-nonlinearity" else 1e-7)
+        np.testing.assert_allclose(
+            slope, derivatives[:, 1], atol=1e-5 if name == "sensor-nonlinearity" else 1e-7
+        )
         null = np.repeat(effect.space.nominal[None], 4, axis=0)
-        assert np.array_equal(effect.true_motion(jets, null), jets)
+        assert np.array_equal(effect.true_motion(derivatives, null), derivatives)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -845,7 +847,7 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     assert len(at) > 4
     np.testing.assert_allclose(simulated, expected, rtol=0, atol=tolerance)
     held = Simulator(task, [(name, effect)], threads=1).simulate(
-        replace(windows, tapes=CachedSequences(windows.controls)), starts, point[None]
+        replace(windows, sequences=CachedSequences(windows.controls)), starts, point[None]
     )
     assert np.abs(held.outputs[0] - expected)[1:].max() > 1e-4
 
@@ -1057,11 +1059,13 @@ def test_a_bent_reading_is_straightened_as_far_as_it_grows():
     values = np.array([[0.0, 0.0], [0.3, 0.0], [-0.3, 0.0], [0.2, 0.1], [0.1, -0.2], [-0.1, -0.2]])
     true = np.linspace(-0.7, 0.7, 15)
     for x in true:
-        jets = np.zeros((len(values), 3, machine("slider").nsensordata))
+        derivatives = np.zeros((len(values), 3, machine("slider").nsensordata))
         quadratic, cubic = values.T
         gain, bend = 1 + 2 * quadratic * x + 3 * cubic * x**2, 2 * quadratic + 6 * cubic * x
-        jets[..., 1] = np.stack([x + quadratic * x**2 + cubic * x**3, gain * 2.0, gain * 5.0 + bend * 4.0], 1)
-        found = effect.true_motion(jets, values)[..., 1]
+        derivatives[..., 1] = np.stack(
+            [x + quadratic * x**2 + cubic * x**3, gain * 2.0, gain * 5.0 + bend * 4.0], 1
+        )
+        found = effect.true_motion(derivatives, values)[..., 1]
         np.testing.assert_allclose(found, np.tile([x, 2.0, 5.0], (len(values), 1)), atol=1e-9)
     far = np.full((len(values), 3, machine("slider").nsensordata), 1e3)
     assert np.isfinite(effect.true_motion(far, values)).all()
@@ -1074,8 +1078,8 @@ def test_a_sensor_drifts_since_the_episode_began():
     sensors = np.zeros((2, 3, machine(where).nsensordata))
     seen = effect.measure(sensors, rate, 0.5, elapsed=elapsed)[..., effect.columns]
     np.testing.assert_allclose(seen[..., 0], [[0.0, 0.05, 0.1], [0.5, 0.55, 0.6]])
-    jets = np.zeros((2, 3, machine(where).nsensordata))
-    true = effect.true_motion(jets, rate, elapsed)[..., effect.columns.start]
+    derivatives = np.zeros((2, 3, machine(where).nsensordata))
+    true = effect.true_motion(derivatives, rate, elapsed)[..., effect.columns.start]
     np.testing.assert_allclose(true, [[0, -0.1, 0], [-0.5, -0.1, 0]])
 
 
@@ -1304,8 +1308,8 @@ def test_an_imu_that_is_askew_tells_all_in_its_own_frame():
     imu = effect(model, "attitude+gyro+shock")
     told = imu.measure(reports[0][None, None], turn, 1.0)[0, 0]
     assert np.allclose(told, reports[1])
-    jets = np.repeat(reports[1][None, None], 3, axis=1)
-    assert np.allclose(imu.true_motion(jets, turn)[0], reports[0])
+    derivatives = np.repeat(reports[1][None, None], 3, axis=1)
+    assert np.allclose(imu.true_motion(derivatives, turn)[0], reports[0])
 
 
 def test_lift_is_perpendicular_to_spin_and_flight():

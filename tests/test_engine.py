@@ -191,7 +191,7 @@ def test_same_for_any_number_of_threads(model, starts, controls, fields, threads
     np.testing.assert_array_equal(one.sensors, more.sensors)
 
 
-def test_control_row_picks_the_tape(model, starts, controls):
+def test_control_row_picks_the_sequence(model, starts, controls):
     row = np.array([3, 3, 0, 1, 6, 2, 5])
     np.testing.assert_array_equal(
         rollout(model, starts, controls, row=row).sensors,

@@ -16,7 +16,7 @@ from toy_rounds import SIGNATURE, histories, write
 
 from benchmarks.family import Logs
 from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier
-from capture_cli.context.histories.action_library import log_tapes
+from capture_cli.context.histories.action_library import log_sequences
 from capture_cli.context.identifiers._family import Family
 from capture_cli.context.identifiers._normalisation import Normalisation
 from capture_cli.context.identifiers.base import Rounds
@@ -305,14 +305,14 @@ def test_rounds_read_no_sample_that_was_held_out(slider_task, tmp_path):
     for prepared, tapes, left_out in ((wide, 6, 0), (narrow, 6, 6)):
         fitted = prepared.part(~prepared.split.is_test)
         held = np.arange(len(log.time)) >= (fitted.windows.first + fitted.windows.samples)[-1]
-        found = log_tapes(fitted, times)
+        found = log_sequences(fitted, times)
         assert (len(found.outputs), found.left_out) == (tapes, left_out)
         moved = replace(fitted, log=replace(log, outputs=log.outputs + held[:, None]))
-        assert np.array_equal(log_tapes(moved, times).outputs, found.outputs)
+        assert np.array_equal(log_sequences(moved, times).outputs, found.outputs)
         # the end of the last is told from the samples before it
         assert found.outputs[-1, -1] == pytest.approx(log.outputs[np.flatnonzero(held)[0]], abs=5e-4)
     with pytest.raises(LogError, match=r"nowhere 3\.5 s"):
-        log_tapes(fitted, np.array([0, 3.5]))
+        log_sequences(fitted, np.array([0, 3.5]))
 
 
 @pytest.mark.usefixtures("learn")

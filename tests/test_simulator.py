@@ -62,7 +62,7 @@ def test_tapes_that_are_larger_than_what_is_run_at_a_time(slider, monkeypatch):
     delay = Placed("control-delay", REGISTRY.get("control-delay")(task.model, "drive"))
     points = np.array([[1.0, 2.0, 0.01], [2.0, 2.0, 0.02]])
     whole = Simulator(task, [delay], threads=1).simulate(windows, starts, points).outputs
-    set_numbers(monkeypatch, "capture_cli.simulate.simulator", tape_bytes=1)
+    set_numbers(monkeypatch, "capture_cli.simulate.simulator", sequence_bytes=1)
     one_by_one = Simulator(task, [delay], threads=1).simulate(windows, starts, points).outputs
     np.testing.assert_array_equal(one_by_one, whole)
 

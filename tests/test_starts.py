@@ -513,7 +513,7 @@ def test_a_corrected_attitude_of_a_carried_frame_moves_the_joint(gyros):
     effect = effects.REGISTRY.get("sensor-mount-rotation")(model, "imu")
     seen = effect.measure(sensors[None], values[:1], time[1] - time[0])[0]
     found, _ = estimate(model, (time, seen, qpos, qvel), ("imu",), noise=0.0, first=first)
-    true = effect.true_motion(found.reported.jets, values)
+    true = effect.true_motion(found.reported.derivatives, values)
     starts = shift(model, found.starts, found.reported.start_change(true, 2 * nv))
     np.testing.assert_allclose(starts.qpos[:, 9:13], qpos[first, 9:13], atol=1e-4)
     assert np.abs(starts.qvel - qvel[first])[:, 8:11].max() < 2e-3
@@ -614,12 +614,12 @@ def test_gears_and_tendons_are_solved_for_the_joints_they_move(names):
     assert (found.sd[:, :3] < 20 * 1e-4).all() and (found.sd[:, 3:] < 0.5).all()
     assert (np.abs(off) < found.sd).all()
     # what an effect of a sensor changes in its numbers changes the starts that were read off them
-    jets = found.reported.jets.copy()
-    true = jets.copy()
+    derivatives = found.reported.derivatives.copy()
+    true = derivatives.copy()
     scale = data[names.index("m")]
     true[:, :, scale] *= 1.1
     change = found.reported.start_change(true, 6)
-    share = -0.1 * jets[:, 0, scale] / 20
+    share = -0.1 * derivatives[:, 0, scale] / 20
     np.testing.assert_allclose(change[:, :3], share[:, None] * [0, 0.5, -0.5 / 0.8], atol=1e-12)
 
 
@@ -671,7 +671,7 @@ def test_a_corrected_report_moves_the_coordinates_that_were_read_off_it(model, m
         found, _ = estimate(model, motion, names, noise=1e-4)
         reported = found.reported
         x, v = model.sensor("x").adr[0], model.sensor("v").adr[0]
-        true = reported.jets.copy()
+        true = reported.derivatives.copy()
         true[:, 0, x] += 0.5
         true[:, 1, x] += 0.25
         true[:, 0, v] += 0.125
@@ -680,13 +680,13 @@ def test_a_corrected_report_moves_the_coordinates_that_were_read_off_it(model, m
         expected[:, 0] = 0.5
         expected[:, nv] = 0.25 if moves_velocity else 0.125
         np.testing.assert_allclose(change, expected)
-        assert not reported.start_change(reported.jets, 2 * nv).any()
-        finer = reported.start_change(reported.jets, 2 * nv, substeps=4)
+        assert not reported.start_change(reported.derivatives, 2 * nv).any()
+        finer = reported.start_change(reported.derivatives, 2 * nv, substeps=4)
         lag_less = 0.75 * 0.5 * model.opt.timestep  # a quarter of the step lags a quarter as much
         expected[:, 0] = 0.0
-        expected[:, nv] = lag_less * reported.jets[:, 2, x] if moves_velocity else 0.0
+        expected[:, nv] = lag_less * reported.derivatives[:, 2, x] if moves_velocity else 0.0
         np.testing.assert_allclose(finer[:, : nv + 1], expected[:, : nv + 1], atol=1e-15)
-    assert found.rows(slice(2)).reported.jets.shape[0] == 2
+    assert found.rows(slice(2)).reported.derivatives.shape[0] == 2
 
 
 @pytest.mark.parametrize("sensor", ["ball", "how"])
@@ -716,7 +716,7 @@ def test_a_corrected_attitude_moves_orientation_and_turning(model, motion, senso
         mujoco.mj_differentiatePos(model, apart, 1.0, qpos[step], starts.qpos[row])
         error[row] = np.maximum(np.abs(error[row]), np.abs(apart))
     assert error.max() < 2e-3 < 0.02 < np.abs(before).max()
-    assert not found.reported.start_change(found.reported.jets, 2 * nv).any()
+    assert not found.reported.start_change(found.reported.derivatives, 2 * nv).any()
 
 
 def test_the_path_before_a_start_is_that_of_the_log(model, motion):
@@ -726,10 +726,10 @@ def test_the_path_before_a_start_is_that_of_the_log(model, motion):
     found, _ = estimate(model, motion, ("x",), noise=1e-5, first=first)
     x = model.sensor("x").adr[0]
     for before in (0.0, 0.012, 0.1, 0.248):
-        jets = found.reported.at(np.full((3, model.nsensordata), before))
+        derivatives = found.reported.at(np.full((3, model.nsensordata), before))
         there = sensors[first[1:] - round(before / (time[1] - time[0])), x]
-        np.testing.assert_allclose(jets[1:, 0, x], there, atol=1e-4)
+        np.testing.assert_allclose(derivatives[1:, 0, x], there, atol=1e-4)
     # before the log nothing is known: it is taken to have been evenly accelerated
-    value, slope, curvature = found.reported.jets[0, :, x]
+    value, slope, curvature = found.reported.derivatives[0, :, x]
     even = value - 0.1 * slope + 0.1**2 / 2 * curvature
     assert found.reported.at(np.full((3, model.nsensordata), 0.1))[0, 0, x] == pytest.approx(even)

@@ -49,9 +49,9 @@ def steps_of(windows: Windows) -> list[np.ndarray]:
     return [np.arange(a, a + n) for a, n in zip(windows.first, windows.samples, strict=True)]
 
 
-def whole_tape(windows: Windows) -> np.ndarray:
+def whole_sequence(windows: Windows) -> np.ndarray:
     """All inputs that are known around each window, (window, lead + stop, input)."""
-    tapes = windows.tapes
+    tapes = windows.sequences
     return tapes.inputs(np.arange(len(windows)), -tapes.lead, tapes.stop)
 
 
@@ -117,7 +117,7 @@ def test_inputs_are_held_or_interpolated_on_the_grid(times, duration, linear):
 @given(episodes(), st.sampled_from(DURATIONS), st.booleans())
 def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, linear):
     windows, log = windows_of(times, duration, linear)
-    lead, tape = windows.tapes.lead, whole_tape(windows)
+    lead, tape = windows.sequences.lead, whole_sequence(windows)
     for w, steps in enumerate(steps_of(windows)):
         begin = np.cumsum([len(t) for t in times])[windows.episode[w]] - len(times[windows.episode[w]])
         before = is_gap(times[windows.episode[w]])[: steps[0] - begin]
@@ -134,20 +134,20 @@ def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, 
 
 def test_the_past_is_no_longer_than_any_actuator_remembers():
     windows, _ = windows_of([np.arange(4000) / 256], 0.5)
-    assert windows.tapes.lead == WINDOWS.lead / TIMESTEP
+    assert windows.sequences.lead == WINDOWS.lead / TIMESTEP
     whole, _ = windows_of([np.arange(400) / 256], None)
-    assert whole.tapes.lead == 0
+    assert whole.sequences.lead == 0
 
 
 def test_inputs_are_known_after_a_window_as_far_as_a_clock_may_drift():
     time = np.arange(4000) / 256
     windows, log = windows_of([time], 0.5)
-    ahead = windows.tapes.stop - windows.grid
+    ahead = windows.sequences.stop - windows.grid
     assert ahead == np.ceil(WINDOWS.most_drift * windows.time[-1] / TIMESTEP)
     np.testing.assert_array_equal(windows.elapsed, windows.time - time[0])
     after = windows.time[0] + TIMESTEP * (windows.grid + np.arange(ahead))
     held = [mean_over_step(time, log["inputs"], t)[0] for t in after]
-    np.testing.assert_allclose(whole_tape(windows)[0, -ahead:, 0], held, rtol=1e-12)
+    np.testing.assert_allclose(whole_sequence(windows)[0, -ahead:, 0], held, rtol=1e-12)
 
 
 @settings(max_examples=60, deadline=None)
@@ -199,7 +199,7 @@ def test_rows_keep_windows_and_trim_padding(times, duration, random):
             np.testing.assert_array_equal(getattr(some, name)[row, :n], getattr(windows, name)[w, :n])
         np.testing.assert_array_equal(some.controls[row, :g], windows.controls[w, :g])
         np.testing.assert_array_equal(
-            whole_tape(some)[row], whole_tape(windows)[w, : whole_tape(some).shape[1]]
+            whole_sequence(some)[row], whole_sequence(windows)[w, : whole_sequence(some).shape[1]]
         )
         assert some.elapsed[row] == windows.elapsed[w]
     by_mask = windows.rows(np.isin(np.arange(len(windows)), keep))

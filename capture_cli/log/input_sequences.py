@@ -11,7 +11,7 @@ import numpy as np
 class InputSequencesSettings:
     # A sample this close before a grid point, in steps, belongs to it: times in files are rounded.
     grid_tolerance: float = 1e-3
-    # Tapes of all windows up to this size are kept. Larger ones, which overlap, are read off the log when asked for.
+    # Sequences of all windows up to this size are kept. Larger ones, which overlap, are read off the log when asked.
     kept_bytes: int = 64 << 20
 
 
@@ -41,7 +41,7 @@ class LoggedInputs:
         leapfrog with kicks at `times`, and positions are right to the second order (docs/dev/findings.md).
 
         sums_from: the sample that the sums begin at from which means are worked out; None for the first that is needed.
-        Its choice shows in the last digit: part of a tape is as it is in the whole only where both have the same.
+        Its choice shows in the last digit: part of a sequence is as it is in the whole only where both have the same.
         """
         held, changes = self._held_through(times)
         values = self.values[held]
@@ -92,7 +92,7 @@ class CachedSequences:
 
     @property
     def stop(self) -> int:
-        """How many steps after each window begins the tapes reach."""
+        """How many steps after each window begins the sequences reach."""
         return self.kept.shape[1] - self.lead
 
     def rows(self, keep: np.ndarray, stop: int) -> CachedSequences:
@@ -129,11 +129,11 @@ class LogSequences:
         """Inputs (row, step, input) of the windows `row` (row,), from `begin` to `stop` steps after each begins."""
         logged = self.logged
         steps = logged.timestep * np.arange(begin, stop)
-        tapes = np.empty((len(row), len(steps), logged.values.shape[1]))
-        for tape, window in zip(tapes, row, strict=True):
+        sequences = np.empty((len(row), len(steps), logged.values.shape[1]))
+        for sequence, window in zip(sequences, row, strict=True):
             times = logged.time[self.first[window]] + steps
-            tape[...] = logged.part(slice(*self.known[window])).at(times, self.sums_from[window])
-        return tapes
+            sequence[...] = logged.part(slice(*self.known[window])).at(times, self.sums_from[window])
+        return sequences
 
 
 InputSequences = CachedSequences | LogSequences
@@ -142,7 +142,7 @@ InputSequences = CachedSequences | LogSequences
 def input_sequences(
     logged: LoggedInputs, *, first: np.ndarray, known: np.ndarray, lead: int, stop: int
 ) -> InputSequences:
-    """Tapes of windows from `lead` steps before each to `stop` after, as of LogSequences; kept where they are small.
+    """Inputs of windows from `lead` steps before each to `stop` after, as of LogSequences; kept where they are small.
 
     Where the log does not reach so far, they hold its first and last values.
     """

@@ -39,7 +39,7 @@ class ReportedMotion:
     read: np.ndarray
 
     @property
-    def jets(self) -> np.ndarray:
+    def derivatives(self) -> np.ndarray:
         """The path where the windows start, (window, 3, column)."""
         return self.path[:, 0]
 
@@ -49,24 +49,24 @@ class ReportedMotion:
 
     def at(self, before: np.ndarray) -> np.ndarray:
         """The path (window, 3, column) `before` (window, column) s before the windows start."""
-        jets = self.jets
+        derivatives = self.derivatives
         for k in range(self.path.shape[1] - 1):
             later, earlier = self.before[:, k, None], self.before[:, k + 1, None]
             between = _quintic(self.path[:, k], self.path[:, k + 1], earlier - later, before - later)
-            jets = np.where((before > later)[:, None], between, jets)
-        return jets
+            derivatives = np.where((before > later)[:, None], between, derivatives)
+        return derivatives
 
     def start_change(self, true: np.ndarray, states: int, substeps: int = 1) -> np.ndarray:
-        """How far starts move, (simulation, state), where the jets (simulation, 3, column) were `true` in truth.
+        """How far starts move, (simulation, state), where the derivatives (simulation, 3, column) were `true` in truth.
 
         substeps: that are simulated for each step of the model: velocities are that much nearer to those of the path.
         Orientations by a rotation vector in the frame of the body, rad, in which their velocities are given, too.
         """
         lag = self.lag / substeps
-        slope = (true[:, 1] - lag * true[:, 2]) - (self.jets[:, 1] - self.lag * self.jets[:, 2])
-        found = self._of_states(true[:, 0] - self.jets[:, 0], slope, states)
+        slope = (true[:, 1] - lag * true[:, 2]) - (self.derivatives[:, 1] - self.lag * self.derivatives[:, 2])
+        found = self._of_states(true[:, 0] - self.derivatives[:, 0], slope, states)
         for columns, weights, rotation, turning in self.orientation:
-            then, now = self.jets[..., columns] @ weights.T, true[..., columns] @ weights.T
+            then, now = self.derivatives[..., columns] @ weights.T, true[..., columns] @ weights.T
             found[:, rotation] = _rotation(then[:, 0], now[:, 0])
             if turning is None:
                 continue
@@ -76,15 +76,15 @@ class ReportedMotion:
 
     def unseen(self, states: int) -> np.ndarray:
         """How far a state `most_late` before the log began may be from one of even acceleration, (window, state)."""
-        acceleration = self.jets[:, 2]
+        acceleration = self.derivatives[:, 2]
         found = np.abs(
             self._of_states(
                 SETTINGS.most_late**2 / 2 * acceleration, SETTINGS.most_late * acceleration, states
             )
         )
         for columns, weights, rotation, turning in self.orientation:
-            jets = self.jets[..., columns] @ weights.T
-            turned = np.abs(_turning(jets[:, 0], jets[:, 2]))
+            derivatives = self.derivatives[..., columns] @ weights.T
+            turned = np.abs(_turning(derivatives[:, 0], derivatives[:, 2]))
             found[:, rotation] = SETTINGS.most_late**2 / 2 * turned
             if turning is not None:
                 found[:, turning] = SETTINGS.most_late * turned
@@ -124,7 +124,7 @@ def _quotient(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _quintic(later: np.ndarray, earlier: np.ndarray, interval: np.ndarray, back: np.ndarray) -> np.ndarray:
-    """Jets (window, 3, column) `back` (window, column) s before those at `later`, `earlier` being `interval` s before.
+    """Derivatives (window, 3, column) `back` (window, column) s before `later`, `earlier` being `interval` s before.
 
     Of the polynomial that has value, slope and curvature of both.
     """

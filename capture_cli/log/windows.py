@@ -41,7 +41,7 @@ class Windows:
     time (window,): s, at its start, by the clock it was cut by. elapsed (window,): s, since its episode began.
     known (window,): s, since its inputs are known: since then, or since a gap.
     grid_steps (window,): model steps needed.
-    tapes: inputs at the model's steps, in the windows and around them.
+    sequences: inputs at the model's steps, in the windows and around them.
     index (window, step), weight (window, step): a sample lies between grid points index and index + 1, at weight.
     measured (window, step, output): 0 where not sampled. mask (window, step): False for padding.
     sampled (window, step, output): False for padding, and where an output has no sample.
@@ -53,7 +53,7 @@ class Windows:
     elapsed: np.ndarray
     known: np.ndarray
     grid_steps: np.ndarray
-    tapes: InputSequences
+    sequences: InputSequences
     index: np.ndarray
     weight: np.ndarray
     measured: np.ndarray
@@ -72,12 +72,12 @@ class Windows:
     @property
     def controls(self) -> np.ndarray:
         """Inputs inside the windows, (window, grid, input)."""
-        return self.tapes.inputs(np.arange(len(self)), 0, self.grid)
+        return self.sequences.inputs(np.arange(len(self)), 0, self.grid)
 
     @property
     def known_lead(self) -> np.ndarray:
         """How many of the inputs before each window are known, (window,), in model steps."""
-        return np.minimum(np.rint(self.known / self.timestep).astype(int), self.tapes.lead)
+        return np.minimum(np.rint(self.known / self.timestep).astype(int), self.sequences.lead)
 
     @property
     def samples(self) -> np.ndarray:
@@ -97,7 +97,7 @@ class Windows:
             elapsed=self.elapsed[keep],
             known=self.known[keep],
             grid_steps=self.grid_steps[keep],
-            tapes=self.tapes.rows(keep, self.tapes.stop - spare),
+            sequences=self.sequences.rows(keep, self.sequences.stop - spare),
             index=self.index[keep, :steps],
             weight=self.weight[keep, :steps],
             measured=self.measured[keep, :steps],
@@ -165,7 +165,7 @@ def at_spans(spans: Spans, samples: Log, timestep: float, linear: np.ndarray) ->
     grid_steps = np.array([_grid_steps(time[a:b], timestep) for a, b in zip(first, stop, strict=True)])
     lead = _steps(known.max(), timestep)
     ahead = _steps(SETTINGS.most_drift * elapsed.max(), timestep)
-    tapes = input_sequences(
+    sequences = input_sequences(
         LoggedInputs(time, samples.inputs, timestep, linear),
         first=first,
         # the input after a window's last sample is known, if not an episode's
@@ -183,7 +183,7 @@ def at_spans(spans: Spans, samples: Log, timestep: float, linear: np.ndarray) ->
         elapsed=elapsed,
         known=known,
         grid_steps=grid_steps,
-        tapes=tapes,
+        sequences=sequences,
         index=index,
         weight=np.maximum(position - index, 0.0),
         measured=_padded(samples.outputs, first, stop),

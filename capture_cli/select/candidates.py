@@ -131,7 +131,7 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
         if not measured.any():
             continue
         low, high = np.nanmin(path), np.nanmax(path)
-        speed = np.abs(source.slope_of(reported.jets[:, 1, list(source.data)])).max()
+        speed = np.abs(source.slope_of(reported.derivatives[:, 1, list(source.data)])).max()
         if low < high and speed > 0:
             noise = float(source.noise(prepared.noise.sd)[0])
             seen[joint] = JointMotion(

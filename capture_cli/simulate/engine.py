@@ -119,8 +119,8 @@ class Engine:
         for first in range(0, count, size):
             rows = np.arange(first, min(count, first + size))
             runner = self._prepare(rows, starts, fields)
-            tape = controls[row[rows]]
-            chunk, bad = _step(runner, rows, tape, forces, fields_kept, substeps)
+            own = controls[row[rows]]
+            chunk, bad = _step(runner, rows, own, forces, fields_kept, substeps)
             chunk["sensordata"] = chunk["sensordata"][..., columns]
             for name, values in chunk.items():
                 recorded[name].append(values)
@@ -170,20 +170,22 @@ Recorded = tuple[dict[str, np.ndarray], np.ndarray]
 
 
 def _step(
-    runner, rows, tape: np.ndarray, forces: Sequence[Force], names: Sequence[str], substeps: int
+    runner, rows, controls: np.ndarray, forces: Sequence[Force], names: Sequence[str], substeps: int
 ) -> Recorded:
     """Fields `names` (simulation, step, ...) before each step, and which simulations diverged (simulation,)."""
     if forces:
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of one that runs away
-            return _step_with_forces(runner, rows, tape, forces, names, substeps)
+            return _step_with_forces(runner, rows, controls, forces, names, substeps)
     if substeps > 1:
-        tape = np.repeat(tape, substeps, axis=1)
-    steps = tape.shape[1]
+        controls = np.repeat(controls, substeps, axis=1)
+    steps = controls.shape[1]
     start = {name: runner.bind(name).copy() for name in names if name in STATES}
     recorded = {name: _room(runner.bind(name), steps) for name in names}
     bad = np.zeros(len(rows), dtype=bool)
     try:
-        runner.rollout(steps, tape if tape.shape[-1] else None, record=tuple(names), out=dict(recorded))
+        runner.rollout(
+            steps, controls if controls.shape[-1] else None, record=tuple(names), out=dict(recorded)
+        )
     except batch.SimulationError as error:
         bad[error.ids] = True
     # States are recorded after each step, sensors describe the state before it.
@@ -197,17 +199,17 @@ def _step(
 
 
 def _step_with_forces(
-    runner, rows, tape: np.ndarray, forces: Sequence[Force], names: Sequence[str], substeps: int
+    runner, rows, controls: np.ndarray, forces: Sequence[Force], names: Sequence[str], substeps: int
 ) -> Recorded:
     world = World(runner, rows)
     ctrl, joint_force, body_force = (runner.bind(n) for n in ("ctrl", *APPLIED))
     live = {name: runner.bind(name) for name in names}
-    recorded = {name: _room(view, tape.shape[1]) for name, view in live.items()}
+    recorded = {name: _room(view, controls.shape[1]) for name, view in live.items()}
     reports = [force.report for force in forces if hasattr(force, "report")]
     bad = np.zeros(len(rows), dtype=bool)
-    for number in range(tape.shape[1] * substeps):
+    for number in range(controls.shape[1] * substeps):
         step, inside = divmod(number, substeps)
-        ctrl[...] = tape[:, step]
+        ctrl[...] = controls[:, step]
         joint_force[...] = 0.0
         body_force[...] = 0.0
         world.restore_varied()

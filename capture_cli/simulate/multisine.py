@@ -52,24 +52,24 @@ def multisine_sequence(
     machine is, so they begin at 0, or as near to it as the actuator goes, and come up over `fade` s.
     """
     signals = multisine(time, len(peaks), band, generator)
-    tape = peaks * (from_rest(time, signals) if at_rest else signals)
+    sequence = peaks * (from_rest(time, signals) if at_rest else signals)
     for k, low, high in _limited(machine):
         if low == -high:
             continue
         ends = np.clip([-peaks[k], peaks[k]], low, high)
-        tape[:, k] = np.interp(signals[:, k], [signals[:, k].min(), signals[:, k].max()], ends)
+        sequence[:, k] = np.interp(signals[:, k], [signals[:, k].min(), signals[:, k].max()], ends)
         if at_rest:
             rest, up = np.clip(0.0, low, high), _coming_up(time)
-            tape[:, k] = (1 - up) * rest + up * tape[:, k]
-    return into_range(machine, tape)
+            sequence[:, k] = (1 - up) * rest + up * sequence[:, k]
+    return into_range(machine, sequence)
 
 
-def into_range(machine: Task, tapes: np.ndarray) -> np.ndarray:
-    """Tapes (..., input), cut off where an actuator goes no further: a log has what reached it."""
-    tapes = tapes.copy()
+def into_range(machine: Task, sequences: np.ndarray) -> np.ndarray:
+    """Sequences (..., input), cut off where an actuator goes no further: a log has what reached it."""
+    sequences = sequences.copy()
     for k, low, high in _limited(machine):
-        tapes[..., k] = np.clip(tapes[..., k], low, high)
-    return tapes
+        sequences[..., k] = np.clip(sequences[..., k], low, high)
+    return sequences
 
 
 def _limited(machine: Task) -> Iterator[tuple[int, float, float]]:

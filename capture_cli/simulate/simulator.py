@@ -24,7 +24,7 @@ from capture_cli.simulate.engine import Engine, Keep, Rollouts
 @dataclass(frozen=True)
 class SimulatorSettings:
     episodes: int = 1024  # simulated at once: bounds the memory that recorded sensors take
-    tape_bytes: int = 64 << 20  # of controls of one call, of which effects make several copies
+    sequence_bytes: int = 64 << 20  # of controls of one call, of which effects make several copies
     sensor_bytes: int = 64 << 20  # of outputs of one call, which are interpolated in several copies
     shows: float = 0.25  # of an effect's memory: the rest is for the last digits
     length_ratio: float = 1.2  # windows within this ratio of lengths are stepped together
@@ -101,14 +101,14 @@ class _Runs:
 
 @dataclass(frozen=True)
 class _Drives:
-    """What drives simulations for so many `steps`; the last inputs are held after the end of a tape.
+    """What drives simulations for so many `steps`; the last inputs are held after the end of a sequence.
 
     row (simulation,): which of them drives each. known (simulation,): how many before the first step are from the log.
     began (simulation,): s, when the episode of each did. first (simulation,): the step of the log that each begins at;
     None where there is no log.
     """
 
-    tapes: InputSequences
+    sequences: InputSequences
     row: np.ndarray
     known: np.ndarray
     steps: int
@@ -264,9 +264,9 @@ class Simulator:
         if self.begins_early or any(own.effect.place == "control" for own in self._placed):
             # each has controls of its own
             steps, columns, bound = (
-                windows.tapes.lead + windows.tapes.stop,
+                windows.sequences.lead + windows.sequences.stop,
                 self.task.model.nu,
-                SETTINGS.tape_bytes,
+                SETTINGS.sequence_bytes,
             )
         else:
             # one window's together, whose inputs they share
@@ -292,8 +292,8 @@ class Simulator:
         none = np.zeros(count)
         begun = Begun(episodes.starts, hidden=np.zeros((count, self.hidden_states)), early=none, drift=none)
         steps = task.grid_steps + self._steps_beyond(each, np.zeros(count), length)
-        tapes = CachedSequences(episodes.inputs)
-        drives = _Drives(tapes, np.arange(count), none.astype(int), steps, began=none)
+        sequences = CachedSequences(episodes.inputs)
+        drives = _Drives(sequences, np.arange(count), none.astype(int), steps, began=none)
         rollouts = self._step(begun, drives, each)
         self.rollouts += count
         points = np.rint(task.point_times / task.timestep).astype(int)
@@ -353,7 +353,7 @@ class Simulator:
         windows, row, each = runs.windows, runs.row, runs.each
         begun, length = self._begun(runs), windows.grid * windows.timestep
         drives = _Drives(
-            windows.tapes,
+            windows.sequences,
             row,
             windows.known_lead[row],
             windows.grid + self._steps_beyond(each, windows.elapsed[row], length, begun.early),
@@ -473,18 +473,18 @@ class Simulator:
         acting = [
             (own.effect, each[:, own.parameters]) for own in self._placed if own.effect.place == "control"
         ]
-        tapes, lead, steps = drives.tapes, drives.tapes.lead, drives.steps
+        sequences, lead, steps = drives.sequences, drives.sequences.lead, drives.steps
         used, row = np.unique(drives.row, return_inverse=True)
-        if not acting and not begun.drift.any() and steps <= tapes.stop:
-            return self.task.controls(tapes.inputs(used, 0, steps)), row
+        if not acting and not begun.drift.any() and steps <= sequences.stop:
+            return self.task.controls(sequences.inputs(used, 0, steps)), row
         memory = sum(effect.memory(values) for effect, values in acting)
         # one step at least: what came first is taken to have been for ever
         past = max(min(int(np.ceil(memory / self.task.timestep)), lead), 1)
         since = elapsed - past * self.task.timestep
         at = begun.drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
-        reached = np.clip(at, 0, lead + tapes.stop - 1)
-        begin, stop = int(reached.min()), min(int(reached.max()) + 2, lead + tapes.stop)
-        controls = self.task.controls(tapes.inputs(used, begin - lead, stop - lead))
+        reached = np.clip(at, 0, lead + sequences.stop - 1)
+        begin, stop = int(reached.min()), min(int(reached.max()) + 2, lead + sequences.stop)
+        controls = self.task.controls(sequences.inputs(used, begin - lead, stop - lead))
         reached -= begin
         controls = _between(controls, row, reached)
         unknown = at < lead - drives.known[:, None]

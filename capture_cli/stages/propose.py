@@ -24,7 +24,7 @@ from capture_cli.select.experiment.next_experiment import SETTINGS as NEXT_EXPER
 from capture_cli.select.experiment.next_experiment import (
     driven_motion,
     driven_windows,
-    experiment_tape,
+    experiment_sequence,
     experiment_times,
 )
 from capture_cli.select.recorded_effects import placed_effects, recorded_effects, recorded_values
@@ -179,7 +179,7 @@ def _multisine(
     threads, beyond_log = options.threads, options.beyond_log
     time = experiment_times(task)
     bands = (*NEXT_EXPERIMENT.bands, MULTISINE.band)
-    tapes = np.stack(
+    sequences = np.stack(
         [
             multisine_sequence(
                 task, time, share * farthest, band, np.random.default_rng(phases), at_rest=True
@@ -188,14 +188,14 @@ def _multisine(
             for share in NEXT_EXPERIMENT.shares
         ]
     )
-    windows = driven_windows(task, time, tapes)
+    windows = driven_windows(task, time, sequences)
     outputs, qpos, diverged = driven_motion(Simulator(task, threads=threads), windows, known.point)
     predicted = shown.predicted(outputs, qpos, float(time[1]))
     may = ~diverged if beyond_log else ~diverged & shown.nearest(predicted, ~diverged)
     chosen = _strongest(may, len(bands))
     driven = Drive(
         time=np.tile(time, len(chosen)),
-        inputs=np.concatenate(tapes[chosen]),
+        inputs=np.concatenate(sequences[chosen]),
         ends=len(time) * (1 + np.arange(len(chosen))),
         starts=model_starts(task.model, len(chosen)).starts,
     )
@@ -205,11 +205,11 @@ def _multisine(
     where = shown.where_to(predicted, best, "it does not stay" if beyond_log else "none that was tried stays")
     judged = shown.judged(predicted, best)
     is_mildest = not (beyond_log or judged["is_near"])
-    what = f"mildest of {len(tapes)}" if is_mildest else f"most telling of {len(chosen)}"
+    what = f"mildest of {len(sequences)}" if is_mildest else f"most telling of {len(chosen)}"
     text = f"the {what} multisines from rest: {gains[at]:.2g} nats; {where}"
     return {
         **_head(task, "inputs", text),
-        **_tape(task, bands[best // len(NEXT_EXPERIMENT.shares)], time, tapes[best]),
+        **_sequence(task, bands[best // len(NEXT_EXPERIMENT.shares)], time, sequences[best]),
         **expected,
         **judged,
     }
@@ -251,18 +251,18 @@ def _of_diagnosis(task: Task, options: ProposeOptions) -> dict[str, Any]:
         for c, p in zip(task.inputs, experiment["peaks"], strict=True)
     ]
     # one of before experiments kept their seed is driven by that of the proposal
-    time, tape = experiment_tape(task, {"seed": options.seed, **experiment, "peaks": farthest})
+    time, sequence = experiment_sequence(task, {"seed": options.seed, **experiment, "peaks": farthest})
     judged = {k: experiment[k] for k in ("is_near", "predicted") if k in experiment}
     text = experiment["text"]
     if not judged:
         text += "; where it takes the machine is not known: make the diagnosis again (capture diagnose)"
     elif amplitude:
-        where, judged = _driven_to(task, found, experiment, time, tape, options.threads)
+        where, judged = _driven_to(task, found, experiment, time, sequence, options.threads)
         told = ", ".join(f"{name} {value:g}" for name, value in amplitude.items())
         text += f" (as diagnosed); with peaks of {told}, as told, {where}"
     return {
         **_head(task, "inputs", text),
-        **_tape(task, experiment["band_hz"], time, tape),
+        **_sequence(task, experiment["band_hz"], time, sequence),
         **judged,
     }
 
@@ -272,17 +272,17 @@ def _driven_to(
     diagnosis: Mapping[str, Any],
     experiment: Mapping[str, Any],
     time: np.ndarray,
-    tape: np.ndarray,
+    sequence: np.ndarray,
     threads: int | None,
 ) -> tuple[str, dict[str, Any]]:
-    """Where the diagnosed model is taken by a tape (step, input) that the `experiment` did not judge: in words, and as
+    """Where the diagnosed model is taken by inputs (step, input) that the `experiment` did not judge: in words, and as
     `ExcitationRange.judged`. Raises OptionError where it diverges.
     """
     values = recorded_values(diagnosis["parameters"], task.space, "the diagnosis", "diagnose")
     effects = recorded_effects(diagnosis["effects"], task, "diagnose")
     placed = [placed for placed, _ in placed_effects(effects)]
     point = np.concatenate([values, *(own for _, own in effects.values())])
-    windows = driven_windows(task, time, tape[None])
+    windows = driven_windows(task, time, sequence[None])
     outputs, qpos, diverged = driven_motion(Simulator(task, placed, threads), windows, point)
     if diverged.any():
         raise OptionError(
@@ -301,8 +301,8 @@ def _values(task: ActionTask, action: np.ndarray) -> dict[str, Any]:
     return {p.name: {"value": float(v), "unit": p.unit} for p, v in zip(task.actions, action, strict=True)}
 
 
-def _tape(task: Task, band, time: np.ndarray, tape: np.ndarray) -> dict[str, Any]:
-    inputs = {c.name: tape[:, k] for k, c in enumerate(task.inputs)}
+def _sequence(task: Task, band, time: np.ndarray, sequence: np.ndarray) -> dict[str, Any]:
+    inputs = {c.name: sequence[:, k] for k, c in enumerate(task.inputs)}
     return {
         "band_hz": [float(f) for f in band],
         "peaks": {name: float(np.abs(values).max()) for name, values in inputs.items()},

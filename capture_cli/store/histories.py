@@ -95,7 +95,7 @@ SCHEMA = Schema(
         "model": "sha256 of the task's compiled model",
         "parameters": "list of {name, unit, low, high}, one per parameter",
         "actions": "list of {name, unit, low, high}, one per action",
-        "library": "sha256 of the tapes that the actions of a task.toml are drawn from; null for other tasks",
+        "library": "sha256 of the sequences that the actions of a task.toml are drawn from; null for other tasks",
         "features": "list of {name, unit, scale}, one per feature of a trajectory",
         "point_times": "s after the start of an episode at which a trajectory is read",
         "pairs": "number of histories",

@@ -1,4 +1,4 @@
-"""Actions for a machine of the user's own: windows of a log, or multisines, as starts and input tapes."""
+"""Actions for a machine of the user's own: windows of a log, or multisines, as starts and input sequences."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class ActionLibrarySettings:
     episodes: int = 64
     windows: int = 16
     long: int = 8  # windows that such an episode lasts
-    beyond: float = 1.5  # sampling intervals: so much before its end a tape's last sample may be
-    # of a tape: by less than this windows of uneven times may begin before the one before ends
+    beyond: float = 1.5  # sampling intervals: so much before its end a sequence's last sample may be
+    # of a sequence: by less than this windows of uneven times may begin before the one before ends
     overlap: float = 0.1
 
 
@@ -51,10 +51,10 @@ SETTINGS = ActionLibrarySettings()
 
 
 @dataclass(frozen=True)
-class Tapes:
-    """actions (tape, action), and the outputs at the points (tape, point, output).
+class Sequences:
+    """actions (sequence, action), and the outputs at the points (sequence, point, output).
 
-    left_out: how many windows of a log begin no tape.
+    left_out: how many windows of a log begin no sequence.
     """
 
     actions: np.ndarray
@@ -69,10 +69,10 @@ class LogWindows:
     path: Path
     max_log_size: int | None = None
 
-    def tapes(self, machine: Task, point_times: np.ndarray, window: float, seed: int) -> Tapes:
+    def sequences(self, machine: Task, point_times: np.ndarray, window: float, seed: int) -> Sequences:
         """As long as `window` s."""
         log = MeasuredLog.read(self.path, self.max_log_size)
-        return log_tapes(prepare(log, machine, window=window, split=NewSplit(seed=seed)), point_times)
+        return log_sequences(prepare(log, machine, window=window, split=NewSplit(seed=seed)), point_times)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Multisines:
     amplitude: Mapping[str, float] = field(default_factory=dict)
     band: tuple[float, float] = MULTISINE.band
 
-    def tapes(self, machine: Task, point_times: np.ndarray, window: float, seed: int) -> Tapes:
+    def sequences(self, machine: Task, point_times: np.ndarray, window: float, seed: int) -> Sequences:
         """From rest; activations of actuators begin at 0. As long as `window` s, which the last of the points is at."""
         check_amplitude(machine, self.amplitude)
         check_above_zero(machine, self.amplitude, "the actuator does")
@@ -116,8 +116,8 @@ class Multisines:
         )
         driven = inputs[episode[:, None], first[:, None] + np.arange(steps)]
         outputs = rollouts.sensors[episode[:, None], points][..., [c.index for c in machine.outputs]]
-        tapes = into_range(machine, resample(driven, machine.timestep, point_times))
-        return Tapes(actions_of(starts, tapes), outputs)
+        sequences = into_range(machine, resample(driven, machine.timestep, point_times))
+        return Sequences(actions_of(starts, sequences), outputs)
 
 
 def sequence_task(
@@ -141,10 +141,10 @@ def sequence_task(
     if points < 2:
         raise OptionError(f"--points {points}", cure="give at least 2")
     point_times = machine.timestep * np.rint(np.linspace(0, window, points) / machine.timestep)
-    tapes = (actions or Multisines()).tapes(machine, point_times, window, seed)
-    scale = tapes.outputs.std(axis=(0, 1))
+    sequences = (actions or Multisines()).sequences(machine, point_times, window, seed)
+    scale = sequences.outputs.std(axis=(0, 1))
     # in single precision, so that the last bits of a least-squares fit do not make another library elsewhere
-    library = np.float32(tapes.actions).astype(float)
+    library = np.float32(sequences.actions).astype(float)
     return SequenceTask(machine, point_times, library, np.where(scale > 0, np.float32(scale), 1.0))
 
 
@@ -186,11 +186,11 @@ def task_of_histories(machine: Task, location: Path) -> SequenceTask:
     return task
 
 
-def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
-    """Tapes of a log, from the starts of its windows to the last of `point_times` (point,), s.
+def log_sequences(prepared: PreparedLog, point_times: np.ndarray) -> Sequences:
+    """Sequences of a log, from the starts of its windows to the last of `point_times` (point,), s.
 
     A window begins none where that is beyond the windows there are, one behind the other (what was held out is not
-    read), or where the tape before goes on into it. Raises LogError where there is none, or samples lack.
+    read), or where the sequence before goes on into it. Raises LogError where there is none, or samples lack.
     """
     task, log, windows = prepared.task, prepared.log, prepared.windows
     lacking = [
@@ -208,7 +208,7 @@ def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
     inputs, outputs, whole = [], [], []
     clocked, episodes = clock(log), log.episodes
     logged = LoggedInputs(clocked, log.inputs, task.timestep, task.linear)
-    before, until = -1, -np.inf  # episode and end of the tape before
+    before, until = -1, -np.inf  # episode and end of the sequence before
     for w, (episode, start, stop) in enumerate(
         zip(windows.episode, windows.time, _stops(windows), strict=True)
     ):
@@ -228,9 +228,9 @@ def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
             f"{log.path}: nowhere {lasts:g} s that are read without a break",
             cure="record longer, hold out less (--test), or make histories with a shorter --window",
         )
-    tapes = resample(np.stack(inputs), task.timestep, point_times)
+    sequences = resample(np.stack(inputs), task.timestep, point_times)
     starts = prepared.starts.starts.rows(whole)
-    return Tapes(actions_of(starts, tapes), np.stack(outputs), len(windows) - len(whole))
+    return Sequences(actions_of(starts, sequences), np.stack(outputs), len(windows) - len(whole))
 
 
 def _stops(windows: Windows) -> np.ndarray:

@@ -170,10 +170,10 @@ def strike(environment: TableAirHockey, action: np.ndarray) -> tuple[np.ndarray,
     positions, is sent at every control step where the mallet would be by its end if it obeyed them.
     """
     plant, interval = environment.plant, environment.control_timestep
-    tape = plant.episodes(action[None]).inputs[0]
+    sequence = plant.episodes(action[None]).inputs[0]
     each = round(interval / plant.timestep)
-    steps = (len(tape) - 1) // each
-    inputs = np.append(tape[: steps * each].reshape(steps, each, 2).mean(axis=1), tape[-1:], axis=0)
+    steps = (len(sequence) - 1) // each
+    inputs = np.append(sequence[: steps * each].reshape(steps, each, 2).mean(axis=1), sequence[-1:], axis=0)
     outputs = np.empty((steps + 1, len(plant.outputs)))
     target = environment.outputs[2:]
     for step, velocity in enumerate(inputs):

@@ -277,7 +277,7 @@ class ForceBalance:
         time = self.smoothed.log.time
 
         def drive(controls: np.ndarray, part: np.ndarray, variant: np.ndarray) -> np.ndarray:
-            first = self._tape_steps[part]
+            first = self._sequence_steps[part]
             elapsed = time[first] - time[self.smoothed.episode_start[part]]
             for same in zip(*driving, strict=True):
                 values = np.stack([v for _, v in same])[variant]
@@ -288,7 +288,7 @@ class ForceBalance:
         return self._averaged(drive, len(driving))
 
     @cached_property
-    def _tape_steps(self) -> np.ndarray:
+    def _sequence_steps(self) -> np.ndarray:
         """The step of the log from which controls are followed to each stretch, (stretch,): earlier ones still act."""
         time, found = self.smoothed.log.time, []
         for part, episode in zip(self.smoothed.parts, self.smoothed.episode_start, strict=True):
@@ -298,10 +298,12 @@ class ForceBalance:
         return np.array(found)
 
     @cached_property
-    def _tapes(self) -> tuple[np.ndarray, np.ndarray]:
+    def _sequences(self) -> tuple[np.ndarray, np.ndarray]:
         """Controls (stretch, grid, nu) on the model's grid, and its time, s."""
         task, log = self.smoothed.task, self.smoothed.log
-        spans = [slice(int(a), p.stop) for a, p in zip(self._tape_steps, self.smoothed.parts, strict=True)]
+        spans = [
+            slice(int(a), p.stop) for a, p in zip(self._sequence_steps, self.smoothed.parts, strict=True)
+        ]
         longest = max(log.time[s.stop - 1] - log.time[s.start] for s in spans)
         grid = np.arange(int(np.ceil(longest / task.timestep)) + 2) * task.timestep
         found = []
@@ -325,17 +327,17 @@ class ForceBalance:
         found = np.zeros((variants, len(self.points), task.model.nu))
         if not task.inputs:
             return found
-        tapes, grid = self._tapes
+        sequences, grid = self._sequences
         step = grid[1] - grid[0]
         variant, part = (i.ravel() for i in np.indices((variants, parts)))
-        controls = drive(tapes[part], part, variant)
+        controls = drive(sequences[part], part, variant)
         edges = np.append(grid, grid[-1] + step) - task.timestep / 2
         total = np.cumsum(np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1), axis=1) * step
         half = self.interval / 2
         for n in range(parts):
             own = self.points.part == n
             at = self.points.time[own] - (
-                self.smoothed.log.time[self._tape_steps[n]] - self.smoothed.log.time[0]
+                self.smoothed.log.time[self._sequence_steps[n]] - self.smoothed.log.time[0]
             )
             low, high = np.clip(at - half, edges[0], edges[-1]), np.clip(at + half, edges[0], edges[-1])
             for k in range(variants):

@@ -13,7 +13,7 @@ def off_clock(series, *, error, begun=0.0):
     return at_times(series, steps * (1 + error) + error * begun)
 
 
-def on_time(jets, *, error):
-    """Jets (simulation, 3, column) of what is reported by such a clock, of `error` (simulation, 1), by a right one."""
+def on_time(derivatives, *, error):
+    """Derivatives (simulation, 3, column) of what such a clock, of `error` (simulation, 1), reports, by a right one."""
     rate = 1 + error
-    return np.stack([jets[:, 0], jets[:, 1] / rate, jets[:, 2] / rate**2], axis=1)
+    return np.stack([derivatives[:, 0], derivatives[:, 1] / rate, derivatives[:, 2] / rate**2], axis=1)

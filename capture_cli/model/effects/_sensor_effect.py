@@ -174,14 +174,14 @@ class SensorEffect(Effect):
         sensors[..., self.columns] = reported(sensors[..., self.columns])
         return sensors
 
-    def true_motion(self, jets, values, elapsed=0.0):
-        true = jets.copy()
-        true[..., self.columns] = self.undone(jets[..., self.columns], values)
+    def true_motion(self, derivatives, values, elapsed=0.0):
+        true = derivatives.copy()
+        true[..., self.columns] = self.undone(derivatives[..., self.columns], values)
         return true
 
-    def undone(self, jets: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Jets (simulation, 3, column) of this sensor's columns without the effect: `true_motion`, in short."""
-        return jets
+    def undone(self, derivatives: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Derivatives (simulation, 3, column) of this sensor's columns without the effect: `true_motion`, in short."""
+        return derivatives
 
     def companion(self, name, values):
         numbers = {n: v[0] if v.shape[1] > 1 else v[0, 0] for n, v in self.coefficients(values[None]).items()}

@@ -397,16 +397,16 @@ class Effect(ABC):
         return 0.0
 
     def true_motion(
-        self, jets: np.ndarray, values: np.ndarray, elapsed: np.ndarray | float = 0.0
+        self, derivatives: np.ndarray, values: np.ndarray, elapsed: np.ndarray | float = 0.0
     ) -> np.ndarray:
-        """Place "measurement": how the sensors' numbers moved in truth where they were reported to move as `jets`.
+        """Place "measurement": how the sensors' numbers moved in truth where they were reported with `derivatives`.
 
-        jets (simulation, 3, column): value, slope and curvature of each column of sensordata at the start of a
+        derivatives (simulation, 3, column): value, slope and curvature of each column of sensordata at the start of a
         simulation, per s and s^2; elapsed (simulation,): s, since the episode began. A start that was read off the
         sensors is corrected by it. As it is where the effect does not shift what is reported, or not in a way that can
         be undone.
         """
-        return jets
+        return derivatives
 
     def companion(self, name: str, values: np.ndarray) -> Companion:
         """Places other than "model": how a plain loop applies the effect at `values` (parameter,).

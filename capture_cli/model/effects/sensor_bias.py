@@ -24,7 +24,7 @@ class SensorBias(NumberEffect):
     def coefficients(self, values):
         return {"offset": self.of_all(values)}
 
-    def undone(self, jets, values):
-        true = jets.copy()
+    def undone(self, derivatives, values):
+        true = derivatives.copy()
         true[:, 0] -= self.of_all(values)
         return true

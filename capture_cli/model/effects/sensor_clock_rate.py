@@ -33,5 +33,5 @@ class SensorClockRate(TimeEffect):
     def drift(self, values, elapsed):
         return values[:, 0] * elapsed
 
-    def undone(self, jets, values):
-        return on_time(jets, error=values)
+    def undone(self, derivatives, values):
+        return on_time(derivatives, error=values)

@@ -33,8 +33,8 @@ class SensorDrift(NumberEffect):
         begin = np.broadcast_to(elapsed, len(values))[:, None]
         return self.measured(sensors, values, timestep, elapsed=begin)
 
-    def true_motion(self, jets, values, elapsed=0.0):
-        true, values = jets.copy(), self.of_all(values)
+    def true_motion(self, derivatives, values, elapsed=0.0):
+        true, values = derivatives.copy(), self.of_all(values)
         true[:, 0, self.columns] -= values * np.reshape(elapsed, (-1, 1))
         true[:, 1, self.columns] -= values
         return true

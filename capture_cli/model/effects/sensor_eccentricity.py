@@ -38,9 +38,9 @@ class SensorEccentricity(SensorEffect):
         largest = 0.05
         return tuple(Parameter(name, "rad", -largest, largest, 0.0) for name in names)
 
-    def undone(self, jets, values):
+    def undone(self, derivatives, values):
         sine, cosine, sine_twice, cosine_twice = values.T[..., None]
-        reported, slope, curvature = np.moveaxis(jets, 1, 0)
+        reported, slope, curvature = np.moveaxis(derivatives, 1, 0)
         angle = reported
         inversions = 20  # fixed-point steps: each leaves at most 0.3 of the error
         for _ in range(inversions):

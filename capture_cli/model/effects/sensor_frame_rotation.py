@@ -66,8 +66,8 @@ class SensorFrameRotation(SensorEffect):
     def coefficients(self, values):
         return {"angle" if self.pair else "rotation": values}
 
-    def undone(self, jets, values):
-        return self.kernel(jets, **{n: -v[:, None] for n, v in self.coefficients(values).items()})
+    def undone(self, derivatives, values):
+        return self.kernel(derivatives, **{n: -v[:, None] for n, v in self.coefficients(values).items()})
 
     @property
     def columns(self):

@@ -73,8 +73,8 @@ class SensorHighPass(SensorEffect):
             held = held + values * self._reported[first]
         return self.measured(sensors, values, timestep, held=held)
 
-    def undone(self, jets, values):
-        value, slope, curvature = jets[:, 0], jets[:, 1], jets[:, 2]
+    def undone(self, derivatives, values):
+        value, slope, curvature = derivatives[:, 0], derivatives[:, 1], derivatives[:, 2]
         # x' = y' + rate y, where a window begins with m = 0; no start is read off such a sensor
         return np.stack([value, slope + values * value, curvature + values * slope], axis=1)
 

@@ -53,7 +53,7 @@ class SensorLowPass(TimeEffect):
         # within that time a signal may go as far as it commonly does in a second
         return self.measured(sensors, values, timestep, ahead=values * self.sizes * states)
 
-    def undone(self, jets, values):
-        value, slope, curvature = jets[:, 0], jets[:, 1], jets[:, 2]
+    def undone(self, derivatives, values):
+        value, slope, curvature = derivatives[:, 0], derivatives[:, 1], derivatives[:, 2]
         # x = y + T y', and the third derivative is not known
         return np.stack([value + values * slope, slope + values * curvature, curvature], axis=1)

@@ -70,8 +70,8 @@ class SensorMountRotation(SensorEffect):
             sensors[..., at] = self._turned(sensor, sensors[..., at], values[:, None])
         return sensors
 
-    def true_motion(self, jets, values, elapsed=0.0):
-        return self.measured(jets, -values, 0.0)
+    def true_motion(self, derivatives, values, elapsed=0.0):
+        return self.measured(derivatives, -values, 0.0)
 
     def companion(self, name, values):
         lines = []

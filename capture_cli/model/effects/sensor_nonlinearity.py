@@ -53,9 +53,9 @@ class SensorNonlinearity(NumberEffect):
             for name, per, end in zip(("quadratic", "cubic"), units, most, strict=True)
         )
 
-    def undone(self, jets, values):
+    def undone(self, derivatives, values):
         quadratic, cubic = values.T[..., None]
-        reported, slope, curvature = np.moveaxis(jets, 1, 0)
+        reported, slope, curvature = np.moveaxis(derivatives, 1, 0)
         low, high = _grows(quadratic, cubic)
         true = np.clip(reported, low, high)
         for _ in range(30):  # Newton steps

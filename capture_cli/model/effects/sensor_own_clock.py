@@ -66,5 +66,5 @@ class SensorOwnClock(SensorEffect):
         late[:, self.columns] = -values * np.reshape(elapsed, (-1, 1))
         return late
 
-    def undone(self, jets, values):
-        return on_time(jets, error=values)
+    def undone(self, derivatives, values):
+        return on_time(derivatives, error=values)

@@ -21,5 +21,5 @@ class SensorScale(NumberEffect):
     def parameters(self):
         return (Parameter("change", "1", -0.2, 0.2, 0.0),)
 
-    def undone(self, jets, values):
-        return jets / (1 + values[:, None])
+    def undone(self, derivatives, values):
+        return derivatives / (1 + values[:, None])

@@ -1,4 +1,4 @@
-"""A user's own machine with a reward: an action is a tape of inputs, from the model's initial state."""
+"""A user's own machine with a reward: an action is a sequence of inputs, from the model's initial state."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class AimedTask(ActionTask):
         self.inputs, self.outputs, self.log = machine.inputs, machine.outputs, machine.log
         start = np.concatenate([machine.model.qpos0, np.zeros(machine.model.nv + machine.model.na)])
         points = reward.point_times
-        tapes = np.tile(ranges.T, (1, len(points)))
-        library = np.concatenate([np.tile(start, (2, 1)), tapes], axis=1)
+        sequences = np.tile(ranges.T, (1, len(points)))
+        library = np.concatenate([np.tile(start, (2, 1)), sequences], axis=1)
         near = {goal.output: goal.within for goal in reward.goals}
         self._whole = SequenceTask(machine, points, library, [near.get(c.name, 1.0) for c in machine.outputs])
         self._start = start

@@ -1,4 +1,4 @@
-"""A user's own machine as a task of actions: an action is a start and a tape of inputs, replayed over one window."""
+"""A user's own machine as a task of actions: an action is a start and a sequence of inputs, over one window."""
 
 from __future__ import annotations
 
@@ -64,20 +64,22 @@ class SequenceTask(ActionTask):
     def episodes(self, actions):
         """Inputs between the points are on the straight line."""
         nq, nv, na = self.model.nq, self.model.nv, self.model.na
-        qpos, qvel, act, tape = np.split(actions, np.cumsum([nq, nv, na]), axis=1)
-        tape = tape.reshape(len(actions), len(self.point_times), len(self.inputs))
-        before, after = tape[:, self._before], tape[:, self._before + 1]
+        qpos, qvel, act, sequence = np.split(actions, np.cumsum([nq, nv, na]), axis=1)
+        sequence = sequence.reshape(len(actions), len(self.point_times), len(self.inputs))
+        before, after = sequence[:, self._before], sequence[:, self._before + 1]
         inputs = before + self._part[:, None] * (after - before)
         return Episodes(Starts(qpos, qvel, act, np.zeros(len(actions))), inputs)
 
 
-def actions_of(starts: Starts, tapes: np.ndarray) -> np.ndarray:
-    """Actions (episode, action) from starts and the inputs at the points, tapes (episode, point, input)."""
-    return np.concatenate([starts.qpos, starts.qvel, starts.act, tapes.reshape(len(tapes), -1)], axis=1)
+def actions_of(starts: Starts, sequences: np.ndarray) -> np.ndarray:
+    """Actions (episode, action) from starts and the inputs at the points, sequences (episode, point, input)."""
+    return np.concatenate(
+        [starts.qpos, starts.qvel, starts.act, sequences.reshape(len(sequences), -1)], axis=1
+    )
 
 
 def resample(inputs: np.ndarray, timestep: float, point_times: np.ndarray) -> np.ndarray:
-    """Tapes (episode, point, input) whose straight lines are nearest to `inputs` (episode, grid, input), L2."""
+    """Sequences (episode, point, input) whose straight lines are nearest to `inputs` (episode, grid, input), L2."""
     grid = timestep * np.arange(inputs.shape[1])
     lines = np.stack([np.interp(grid, point_times, row) for row in np.eye(len(point_times))], axis=1)
     return np.einsum("pg,egi->epi", np.linalg.pinv(lines), inputs)

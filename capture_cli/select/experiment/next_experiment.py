@@ -55,8 +55,8 @@ def next_experiment(
         }
         for band, share in product(SETTINGS.bands, SETTINGS.shares)
     ]
-    tapes = [experiment_tape(task, asked)[1] for asked in menu]
-    windows = driven_windows(task, experiment_times(task), np.stack(tapes))
+    sequences = [experiment_sequence(task, asked)[1] for asked in menu]
+    windows = driven_windows(task, experiment_times(task), np.stack(sequences))
     separation, predicted = _compared(fits, mine, others, windows, shown)
     sound = np.isfinite(separation)
     if not sound.any():
@@ -78,7 +78,7 @@ def next_experiment(
     return {**found[near], "text": text, "beyond_log": beyond}
 
 
-def experiment_tape(task: Task, asked: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+def experiment_sequence(task: Task, asked: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     """The drive of an experiment as a diagnosis has it: time (step,) s and inputs (step, input), from rest."""
     time = experiment_times(task, asked["duration_s"])
     generator = np.random.default_rng(asked["seed"])
@@ -92,16 +92,14 @@ def experiment_times(task: Task, duration: float = SETTINGS.duration) -> np.ndar
     return interval * np.arange(int(duration / interval) + 1)
 
 
-def driven_windows(task: Task, time: np.ndarray, tapes: np.ndarray) -> Windows:
-    """One window under each of `tapes` (window, step, input) at `time` (step,), in which nothing was measured: of no
-    log.
-    """
-    count, steps = tapes.shape[:2]
+def driven_windows(task: Task, time: np.ndarray, sequences: np.ndarray) -> Windows:
+    """One window under each of `sequences` (window, step, input) at `time` (step,), of no log: nothing was measured."""
+    count, steps = sequences.shape[:2]
     samples = Log(
         np.tile(time, count),
         np.zeros((count * steps, len(task.outputs))),
         [slice(steps * k, steps * (k + 1)) for k in range(count)],
-        np.concatenate(tapes),
+        np.concatenate(sequences),
     )
     return replace(cut(samples, None, task.timestep, task.linear), first=None)
 

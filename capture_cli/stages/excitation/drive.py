@@ -128,7 +128,7 @@ def acted(task: ActionTask, actions: np.ndarray, rate: float) -> Drive:
     driven = task.episodes(actions)
     steps, episodes = _steps(task, rate), len(actions)
     time = np.arange(steps) / rate
-    inputs = np.stack([_sampled(tape, task.timestep, time, task.linear) for tape in driven.inputs])
+    inputs = np.stack([_sampled(sequence, task.timestep, time, task.linear) for sequence in driven.inputs])
     return Drive(
         time=np.tile(time, episodes),
         inputs=inputs.reshape(episodes * steps, -1),
@@ -155,16 +155,16 @@ def _actions(task: ActionTask, asked: RecordOptions, generator: np.random.Genera
     return chooser.act(believed, generator.random((asked.episodes, len(task.actions))))
 
 
-def _sampled(tape: np.ndarray, timestep: float, time: np.ndarray, linear: np.ndarray) -> np.ndarray:
-    """A tape (grid, input) at `time` (step,): its value where it is `linear`, its mean until the next sample if not."""
-    grid = timestep * np.arange(len(tape) + 1)
+def _sampled(sequence: np.ndarray, timestep: float, time: np.ndarray, linear: np.ndarray) -> np.ndarray:
+    """Inputs (grid, input) at `time` (step,): their value where they are `linear`, their mean to the next sample if not."""
+    grid = timestep * np.arange(len(sequence) + 1)
     edges = np.append(time, 2 * time[-1] - time[-2])
-    values = np.empty((len(time), tape.shape[1]))
-    for k, column in enumerate(tape.T):
+    values = np.empty((len(time), sequence.shape[1]))
+    for k, column in enumerate(sequence.T):
         if linear[k]:
             values[:, k] = np.interp(time, grid[:-1], column)
             continue
-        # past its end a tape holds its last value
+        # past its end a sequence holds its last value
         after = np.maximum(edges - grid[-1], 0.0) * column[-1]
         travelled = np.interp(edges, grid, np.append(0.0, timestep * np.cumsum(column))) + after
         values[:, k] = np.diff(travelled) / np.diff(edges)
@@ -201,8 +201,10 @@ def _multisines(
     _check_sampled(asked, interval, task)
     time = interval * np.arange(steps)
     farthest = peaks(task, amplitude)
-    tapes = [multisine_sequence(task, time, farthest, asked.band, generator) for _ in range(asked.episodes)]
-    return np.tile(time, asked.episodes), np.concatenate(tapes), steps * (1 + np.arange(asked.episodes))
+    sequences = [
+        multisine_sequence(task, time, farthest, asked.band, generator) for _ in range(asked.episodes)
+    ]
+    return np.tile(time, asked.episodes), np.concatenate(sequences), steps * (1 + np.arange(asked.episodes))
 
 
 def _recorded_inputs(task: Task, asked: RecordOptions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ import capture_cli
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.identifier_checkpoint import IdentifierCheckpoint
-from capture_cli.context.histories.action_library import log_tapes
+from capture_cli.context.histories.action_library import log_sequences
 from capture_cli.context.identifiers.base import Rounds, Signature, Walk, run_rounds
 from capture_cli.errors import LogError, OptionError
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -67,8 +67,8 @@ def logged_rounds(prepared: PreparedLog, checkpoint: IdentifierCheckpoint, where
     noise = dict(zip((c.name for c in prepared.task.outputs), prepared.noise.sd, strict=True))
     noise_sd = np.array([noise.get(f.name, 0.0) for f in task.features])
     if isinstance(task, SequenceTask):
-        tapes = log_tapes(prepared, task.point_times)
-        return LoggedRounds(task, tapes.actions, tapes.outputs, noise_sd, tapes.left_out)
+        sequences = log_sequences(prepared, task.point_times)
+        return LoggedRounds(task, sequences.actions, sequences.outputs, noise_sd, sequences.left_out)
     if prepared.log.actions is None:
         raise LogError(
             f"{prepared.log.path} has no actions (meta/actions), which an identifier of {task.name!r} needs",
@@ -80,7 +80,7 @@ def logged_rounds(prepared: PreparedLog, checkpoint: IdentifierCheckpoint, where
 
 
 def task_of(task: Task, checkpoint: IdentifierCheckpoint, where: str | Path) -> ActionTask:
-    """The task as one of actions: itself, or a machine of the user's own with the tapes that were trained on."""
+    """The task as one of actions: itself, or a machine of the user's own with the sequences that were trained on."""
     if isinstance(task, ActionTask):
         return task
     signature = checkpoint.model.signature
