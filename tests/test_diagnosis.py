@@ -270,7 +270,7 @@ def test_intervals_reach_to_minima_that_are_nearly_as_good():
     alone = intervals(minimum(0.5, 0.0)).sd[0]
     beside = intervals(minimum(0.5, 0.0), [minimum(0.6, 0.5)]).sd[0]
     assert alone < 0.02
-    weight = np.exp(-0.25 / minimum(0.5, 0.0).scatter)
+    weight = np.exp(-0.25 / minimum(0.5, 0.0).inflation)
     assert beside == pytest.approx(np.sqrt(alone**2 + 0.01 * weight / (1 + weight)), rel=1e-6)
     assert intervals(minimum(0.5, 0.0), [minimum(0.6, 80.0)]).sd[0] == pytest.approx(alone, rel=1e-3)
 
@@ -775,7 +775,9 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
 
     def found(most_effects: int) -> dict:
         """diagnosis.json; the steps that both have in common are made once."""
-        settings = Settings(most_effects=most_effects, expression=False, kept=StepFiles(tmp_path / "steps"))
+        settings = Settings(
+            most_effects=most_effects, expression=False, checkpoint=StepFiles(tmp_path / "steps")
+        )
         progress = Progress("diagnose", "model", quiet=True)
         return diagnose_prepared(prepared, arm.space.nominal, settings, progress).document
 

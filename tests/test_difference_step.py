@@ -193,13 +193,13 @@ def test_an_interval_is_not_narrow_for_a_window_that_jumps(tmp_path):
 def test_where_contacts_stop_a_descent_the_way_left_to_go_is_in_the_interval(tmp_path):
     ready = pucks(tmp_path, seed=3)
     at, space = linearized(ready, 0.13), ready.task.space
-    hessian, gradient = at.normal(at.scatter)
-    short_of = np.abs(gradient / (hessian[0] + at.scatter / LINEARIZATION.unseen**2))
+    hessian, gradient = at.normal(at.inflation)
+    short_of = np.abs(gradient / (hessian[0] + at.inflation / LINEARIZATION.insensitive**2))
     assert intervals(at).sd[0] == pytest.approx(
         space.span[0] * np.hypot(np.sqrt(unit_covariance(at)[0][0, 0]), short_of[0])
     )
     smooth = linearized(replace(ready, difference_step=0.0), 0.13)
-    assert smooth.scatter > 2, "far from noise, where descents end early on purpose"
+    assert smooth.inflation > 2, "far from noise, where descents end early on purpose"
     assert intervals(smooth).sd[0] == pytest.approx(space.span[0] * np.sqrt(unit_covariance(smooth)[0][0, 0]))
 
 

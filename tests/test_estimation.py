@@ -129,7 +129,7 @@ def test_what_does_not_show_at_the_nominal_value_is_looked_for_where_it_does(tmp
     wall = 0.9 - 0.95 * reach
     ready = prepare(driven(wall), load_task(task))
     found = found_in(ready)
-    assert found.at.at.unseen.tolist() == [False, True]
+    assert found.at.at.insensitive.tolist() == [False, True]
     with Progress("identify", "round", quiet=True) as progress:
         better = from_where_all_show(found, progress, seed=0)
     assert better.best.parameters == pytest.approx([1.8, wall], abs=0.01)
@@ -141,7 +141,7 @@ def test_far_from_explained_a_way_out_has_to_lead_far_down(prepared, error):
     found = found_in(prepared)
     stuck = replace(found, best=replace(found.best, error=error))
     at = found.at.at
-    share = estimation.SETTINGS.least_gain * at.objectives(at.scatter).sum() / at.scatter
+    share = estimation.SETTINGS.least_gain * at.objectives(at.inflation).sum() / at.inflation
     assert share > estimation.SETTINGS.one_sd
     assert estimation._worth_of_a_way(stuck) == (
         estimation.SETTINGS.one_sd if error < estimation.SETTINGS.clearly else share

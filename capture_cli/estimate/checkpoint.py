@@ -29,7 +29,7 @@ LEFT = ("offsets", "residual", "fitted_hidden")  # of a PartFit
 Values = dict[str, Any]  # arrays, and what JSON can hold
 
 
-class Kept(ABC):
+class Checkpoint(ABC):
     """What was made of the steps so far, in their order."""
 
     @property
@@ -42,7 +42,7 @@ class Kept(ABC):
         """What the next step makes, or made. given: arrays and numbers that tell it from another."""
 
 
-def kept_fit(method: Callable[..., Fit | None]) -> Callable[..., Fit | None]:
+def checkpointed_fit(method: Callable[..., Fit | None]) -> Callable[..., Fit | None]:
     """Makes a step of `ModelFits.fit`."""
 
     @wraps(method)
@@ -50,7 +50,7 @@ def kept_fit(method: Callable[..., Fit | None]) -> Callable[..., Fit | None]:
         def make() -> Fit | None:
             return method(fits, part, effects, start, **options)
 
-        if fits.kept is None:
+        if fits.checkpoint is None:
             return make()
         given = [part, start, *(told for value in options.values() for told in _parts(value))]
         values = made_or_taken(fits, "fit", effects, given, lambda: _of_fit(make()))
@@ -59,7 +59,7 @@ def kept_fit(method: Callable[..., Fit | None]) -> Callable[..., Fit | None]:
     return fit
 
 
-def kept_part(method: Callable[..., PartFit]) -> Callable[..., PartFit]:
+def checkpointed_part(method: Callable[..., PartFit]) -> Callable[..., PartFit]:
     """Makes a step of `ModelFits.on`."""
 
     @wraps(method)
@@ -67,7 +67,7 @@ def kept_part(method: Callable[..., PartFit]) -> Callable[..., PartFit]:
         def make() -> PartFit:
             return method(fits, part, fit, *more, **options)
 
-        if fits.kept is None:
+        if fits.checkpoint is None:
             return make()
         given = [part, fit, *more, *options.values()]
         values = made_or_taken(fits, "on", fit.effects, given, lambda: what_is_there(make(), LEFT))
@@ -89,7 +89,7 @@ def made_or_taken(
 
     known = [fits.prepared.noise.sd, fits.prepared.difference_step]
     name = " + ".join([what, *(e.name for e in effects)])
-    values = dict(fits.kept.step(name, [_told(g) for g in (*known, *given)], counted))
+    values = dict(fits.checkpoint.step(name, [_told(g) for g in (*known, *given)], counted))
     fits.rollouts = before + values.pop("rollouts")
     return values
 

@@ -1,4 +1,4 @@
-"""Ways out of a poor minimum: where stops are hit or bodies touch, a descent may end where no step of it leads out."""
+"""Escape from a poor minimum: where stops are hit or bodies touch, a descent may end where no step of it leads out."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EscapeSettings:
-    ways_out: int = 5  # that are taken, of minima that contacts make
+    escapes: int = 5  # that are taken, of minima that contacts make
 
 
 SETTINGS = EscapeSettings()
 
 
-def unstuck(
+def escaped(
     fits: ModelFits, part: PreparedLog, fit: Fit | None, rival: Fit | None, descend: Callable[..., Fit | None]
 ) -> Fit | None:
-    """The fit after as many ways out of where `fit` is stuck as contacts may need; `fit` where there is none.
+    """The fit after as many escapes from local minima as contacts may need; `fit` where there is none.
 
     descend(point (parameter,), offsets (window, state)) -> a fit of the same model. rival: another model's fit.
     """
-    for _ in range(SETTINGS.ways_out if part.difference_step else 1):
+    for _ in range(SETTINGS.escapes if part.difference_step else 1):
         if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
             break
-        way = way_out(fits, part, fit, whole_step=bool(part.difference_step))
+        way = better_minimum(fits, part, fit, whole_step=bool(part.difference_step))
         further = None if way is None else descend(*way)
         if further is None or further.penalised_squares >= fit.penalised_squares:
             break
@@ -44,7 +44,7 @@ def unstuck(
     return fit
 
 
-def way_out(
+def better_minimum(
     fits: ModelFits, part: PreparedLog, fit: Fit, *, whole_step: bool, worth: float = FIT.as_good
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """A better point (parameter,), and offsets (window, state), that no step of all of them together leads to; None
@@ -53,10 +53,10 @@ def way_out(
     Where stops are hit the start of a window has many minima, and a step of all parameters is refused for the few
     windows that it would leave in a worse one. So windows are fitted alone: where the parameters are, from where
     they begin and from where they were measured; and, where asked for, a whole step on.
-    worth: of the objective over k, what a way out has to gain: one that gains less leads nowhere, and where contacts
+    worth: of the objective over k, what an escape has to gain: one that gains less leads nowhere, and where contacts
     make the error rough there always is one.
     """
-    k, before = fit.at.scatter, fit.at.objectives(fit.at.scatter)
+    k, before = fit.at.inflation, fit.at.objectives(fit.at.inflation)
     found = fits.starts_at(part, fit, FIT.tolerance, fit.offsets, np.zeros_like(fit.offsets))
     offsets = np.stack([fit.offsets, found.offsets])
     best, values = best_trials(offsets, np.stack([before, found.objectives(k)]))

@@ -11,7 +11,7 @@ from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.prepared_log import PreparedLog
-from capture_cli.estimate.solve._profile import Profile, hanging, profile
+from capture_cli.estimate.solve._profile import Profile, one_sided, profile
 from capture_cli.estimate.solve.intervals import Intervals
 
 
@@ -30,8 +30,8 @@ def profiled(
     among = np.where(found.identifiable, len(part.windows), 1)
     limit = np.square([found.quantile(number) for number in among])
     sd = np.where(found.identifiable, found.sd / fit.space.span, np.nan)
-    hang = hanging(fit.at, sd, evaluate, limit=limit)
-    which = sorted([*np.flatnonzero(~found.identifiable).tolist(), *hang])
+    known_on_one_side = one_sided(fit.at, sd, evaluate, limit=limit)
+    which = sorted([*np.flatnonzero(~found.identifiable).tolist(), *known_on_one_side])
     return profile(fit.at, which, evaluate, limit=limit, worth=worth) if which else None
 
 

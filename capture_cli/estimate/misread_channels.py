@@ -31,8 +31,8 @@ FACTORS = {  # by which a channel may have to be multiplied
 @dataclass(frozen=True)
 class MisreadChannelsSettings:
     # Windows and rounds of a fit: to each reading, to the best share of them, and to the best of these
-    glance: tuple[int, int] = (3, 3)
-    second_glance: tuple[int, int] = (6, 6)
+    screening: tuple[int, int] = (3, 3)
+    second_screening: tuple[int, int] = (6, 6)
     look: tuple[int, int] = (12, 15)
     best: float = 0.25
     looked_at: int = 4
@@ -133,15 +133,18 @@ class _Looks:
         self.rollouts = 0
 
     def promising(self, ways: Sequence[Reading], on_step: Callable[[int], None]) -> Sequence[Reading]:
-        """Those of `ways` that leave least at a glance; all where they are few. on_step (number of a glance)."""
+        """Those of `ways` that leave least in a screening; all where they are few. on_step (number of a screening)."""
         done = 0
-        for glance, most in ((SETTINGS.glance, _of_best(ways)), (SETTINGS.second_glance, SETTINGS.looked_at)):
+        for screening, most in (
+            (SETTINGS.screening, _of_best(ways)),
+            (SETTINGS.second_screening, SETTINGS.looked_at),
+        ):
             if len(ways) <= most:
                 continue
             left = []
             for number, way in enumerate(ways, start=done):
                 on_step(number)
-                left.append(self.left(way, *glance))
+                left.append(self.left(way, *screening))
             done += len(ways)
             ways = [ways[i] for i in np.argsort(left, kind="stable")[:most]]
         return ways
@@ -180,7 +183,7 @@ class _Looks:
 
 
 def _of_best(ways: Sequence[Reading]) -> int:
-    """How many of so many are glanced at once more."""
+    """How many of so many are screened once more."""
     return max(SETTINGS.looked_at, round(SETTINGS.best * len(ways)))
 
 

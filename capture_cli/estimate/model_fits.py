@@ -9,8 +9,8 @@ from itertools import takewhile
 
 import numpy as np
 
-from capture_cli.estimate.checkpoint import Kept, kept_fit, kept_part
-from capture_cli.estimate.escape import unstuck
+from capture_cli.estimate.checkpoint import Checkpoint, checkpointed_fit, checkpointed_part
+from capture_cli.estimate.escape import escaped
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.initial_states.refined import fit_starts
@@ -66,7 +66,7 @@ USUAL = Effort()
 
 
 class ModelFits:
-    """Fits models of `prepared.task` plus effects, on one engine. kept: what an earlier run made of the same steps.
+    """Fits models of `prepared.task` plus effects, on one engine. checkpoint: of an earlier run of the same steps.
 
     from_balance: whether the declared model begins where the force balance puts it, which has one minimum.
     """
@@ -75,13 +75,13 @@ class ModelFits:
         self,
         prepared: PreparedLog,
         threads: int | None,
-        kept: Kept | None = None,
+        checkpoint: Checkpoint | None = None,
         *,
         from_balance: bool = False,
     ):
         self.prepared = prepared
         self.from_balance = from_balance
-        self.kept = kept
+        self.checkpoint = checkpoint
         self.engine = Engine(prepared.task.model, threads)
         self._elsewhere = 0
 
@@ -94,7 +94,7 @@ class ModelFits:
     def rollouts(self, count: int) -> None:
         self._elsewhere = count - self.engine.rollouts
 
-    @kept_fit
+    @checkpointed_fit
     def fit(
         self,
         part: PreparedLog,
@@ -126,7 +126,7 @@ class ModelFits:
         tried = any(len(e.effect.states_tried) and e.name not in carried for e in effects)
         if tried or (part.difference_step and not effects and not self.from_balance):
             descend = partial(self._descended, part, effects, effort=replace(effort, starts=1))
-            fit = unstuck(self, part, fit, effort.rival, descend)
+            fit = escaped(self, part, fit, effort.rival, descend)
         return fit
 
     def _as_near(self, near: Fit, effects: Sequence[Placed], start: np.ndarray) -> np.ndarray:
@@ -288,9 +288,9 @@ class ModelFits:
         """
         offsets = np.repeat(on.offsets[None], len(points), axis=0)
         outputs, diverged = part.evaluate(self.simulator(fit.effects), Trial(points, offsets))
-        return trial_objectives(on.evidence, offsets, outputs, diverged, fit.at.scatter).sum(axis=1)
+        return trial_objectives(on.evidence, offsets, outputs, diverged, fit.at.inflation).sum(axis=1)
 
-    @kept_part
+    @checkpointed_part
     def on(
         self,
         part: PreparedLog,

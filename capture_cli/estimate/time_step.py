@@ -56,7 +56,7 @@ def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals)
     there = _in_steps_of(fits, part, replace(fit, at=at), finer)
     if there is None:
         return None
-    k, worse = at.scatter, FIT.as_good
+    k, worse = at.inflation, FIT.as_good
     as_well = 9.0  # of the objective over k: no worse by more, a window is explained as well
     most_windows = 0.75  # of those simulated have to be
     if at.evidence.rough:

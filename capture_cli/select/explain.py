@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.errors import OutOfTime
-from capture_cli.estimate.checkpoint import Kept
+from capture_cli.estimate.checkpoint import Checkpoint
 from capture_cli.estimate.difference_step import difference_step
 from capture_cli.estimate.fit import SETTINGS as FIT_SETTINGS
 from capture_cli.estimate.fit import Fit, least
@@ -44,7 +44,7 @@ OnStep = Callable[[str, int, int, Sequence[str]], None]
 @dataclass(frozen=True)
 class Settings:
     """starts: of the declared model's fit, where no force balance says where to begin. most_effects: to add.
-    expression: to look for a formula of what is left. kept: what an earlier run made of the same steps. deadline: s, of
+    expression: to look for a formula of what is left. checkpoint: of an earlier run of the same steps. deadline: s, of
     time.monotonic, when the search ends with the best so far.
     """
 
@@ -53,7 +53,7 @@ class Settings:
     expression: bool = False
     seed: int = 0
     threads: int | None = None
-    kept: Kept | None = None
+    checkpoint: Checkpoint | None = None
     deadline: float = np.inf
 
     @property
@@ -157,7 +157,7 @@ class _Protocol:
         fitted = np.flatnonzero(self.parts.number == FIT)
         self.balanced = balanced_point(prepared, fitted, prepared.task.space.nominal, settings.threads)
         self.fits = ModelFits(
-            prepared, settings.threads, settings.kept, from_balance=self.balanced is not None
+            prepared, settings.threads, settings.checkpoint, from_balance=self.balanced is not None
         )
         self.fits.rollouts = rollouts
 

@@ -197,7 +197,7 @@ class ModelComparison:
     def better_from(self, current: Fit, found: Fit) -> Fit | None:
         """A better fit of the `current` model, begun where `found` ended, which has one effect more.
 
-        Where contacts make the error rough, an effect may be no more than the way out of a poor minimum.
+        Where contacts make the error rough, an effect may be no more than the escape from a poor minimum.
         """
         again = self.fits.fit(
             self.fit_part,

@@ -107,7 +107,7 @@ class PulseResponse:
     @classmethod
     def of(cls, at: Linearization, change: np.ndarray) -> PulseResponse:
         """From what a unit of each pulse adds to the outputs, (window, row, pulse), in units of the noise."""
-        k = at.scatter
+        k = at.inflation
         through = at.by_start.swapaxes(1, 2) @ change  # (window, state, pulse)
         held = at.start_gain(k) @ through
         to_start = at.by_start.swapaxes(1, 2) @ at.by_parameter

@@ -44,7 +44,7 @@ def score(at: Linearization, sensitivity: np.ndarray, low: np.ndarray, high: np.
 
     In units of the noise. low, high (amplitude,): how far each may go from null, in units of its range.
     """
-    k = at.scatter
+    k = at.inflation
     size, added = at.by_parameter.shape[-1], sensitivity.shape[-1]
     both = replace(at, by_parameter=np.concatenate([at.by_parameter, sensitivity], axis=-1))
     hessian, gradient = both.normal(k)

@@ -30,7 +30,7 @@ def kept_scores(method: Callable[..., None]) -> Callable[..., None]:
             return {f"{k}.{name}": v for k, values in enumerate(every) for name, v in values.items()}
 
         fits, current = found.models.fits, found.current
-        if fits.kept is None:
+        if fits.checkpoint is None:
             method(found, candidates)
             return
         values = made_or_taken(fits, "score", current.effects, [current, *(c.name for c in candidates)], make)

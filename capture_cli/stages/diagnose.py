@@ -66,7 +66,7 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
             expression=options.expression,
             seed=options.seed,
             threads=options.threads,
-            kept=kept,
+            checkpoint=kept,
             deadline=deadline,
         )
         with Progress("diagnose", "model", quiet=options.quiet) as progress:
@@ -121,7 +121,7 @@ def diagnose_prepared(
 def _interrupted(found: Sequence[str], settings: Settings) -> Interrupted:
     """Of a run with these settings that had `found` effects, called EFFECT@SITE."""
     state, cure = "nothing was written", "run the same command again"
-    if settings.kept is not None and settings.kept.anything:
+    if settings.checkpoint is not None and settings.checkpoint.anything:
         state, cure = "what was worked out is kept", "go on with the same command and --resume"
     so_far = f"so far: {', '.join(found)}" if found else "so far no effect was found"
     sooner = _distinct(found)

@@ -34,9 +34,9 @@ from capture_cli.stages.identification.estimation import (
     Found,
     by_physics,
     by_rounds,
+    escaped,
     from_where_all_show,
     looked_about,
-    unstuck,
     with_longer_differences,
     with_profile,
 )
@@ -185,8 +185,8 @@ class _Search:
         found = with_longer_differences(
             found, self.progress, seed=self.options.seed, threads=self.options.threads
         )
-        self.progress.doing("looking for ways out of where the fit ended")
-        found = unstuck(found, self.progress, seed=self.options.seed)
+        self.progress.doing("looking for a better minimum than where the fit ended")
+        found = escaped(found, self.progress, seed=self.options.seed)
         self.progress.doing("looking where all parameters show")
         return from_where_all_show(found, self.progress, seed=self.options.seed)
 

@@ -16,7 +16,7 @@ from capture_cli.common.documents import read_json
 from capture_cli.errors import CaptureError, StoreError
 from capture_cli.log.checks.base import finding
 from capture_cli.log.checks.equal_episodes import equal_episodes
-from capture_cli.log.checks.even_times import scatter
+from capture_cli.log.checks.even_times import jitter
 from capture_cli.log.checks.held_outputs import rows_per_sample, sample_rate, slices_within
 from capture_cli.log.checks.log_findings import log_findings, task_findings
 from capture_cli.log.checks.log_health import channel, excitation, quantisation, sampling, spikes, timing
@@ -160,7 +160,7 @@ def _inspect_log(path: Path, seen: Inspection, machine: Task | None, max_log_siz
     recordings = [_recording(log, number, episodes) for number in range(len(log.recordings))]
     seen.episodes, seen.recordings = episodes, recordings
     seen.channels = _channels(log, _smooth_ends(machine))
-    seen.time_scatter = _scatter(log)
+    seen.time_scatter = _jitter(log)
     findings += [*_not_finite(log.time), *_import_findings(recordings), *_repeated(log)]
     findings += log_findings(seen, machine)
     if machine is not None:
@@ -329,9 +329,9 @@ def _channels(log: MeasuredLog, smooth: Mapping[str, Collection[str]]) -> list[d
     return channels
 
 
-def _scatter(log: MeasuredLog) -> dict[str, Any] | None:
+def _jitter(log: MeasuredLog) -> dict[str, Any] | None:
     """How stamps scatter about even times at which outputs are smoother; None where they do not."""
-    found = scatter(log)
+    found = jitter(log)
     return None if found is None else asdict(found)
 
 

@@ -133,7 +133,7 @@ def _most_telling(
         simulator = Simulator(task, threads=threads, difference_step=prepared.difference_step)
         axes = Axes.of(simulator.space, known.covariance)
         told = sensitivities(prepared, simulator, known.point, axes)
-        k = known.scatter(float(driven.time[1] - driven.time[0]))
+        k = known.inflation(float(driven.time[1] - driven.time[0]))
         for number, episode in enumerate(sound):
             own = prepared.windows.episode == number
             if not told.diverged[own].any():

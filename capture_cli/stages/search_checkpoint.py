@@ -16,7 +16,7 @@ import numpy as np
 from capture_cli.common.documents import parse_json, read_json
 from capture_cli.context.checkpoints.training_state import check_recipe
 from capture_cli.errors import FitError, StoreError
-from capture_cli.estimate.checkpoint import Kept, Values
+from capture_cli.estimate.checkpoint import Checkpoint, Values
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.store.document_shape import OBJECT, check_shape
 from capture_cli.store.output import resumable_directory
@@ -43,7 +43,7 @@ ENDS = (
 )  # options that say how far to go: the steps until there are the same
 
 
-class StepFiles(Kept):
+class StepFiles(Checkpoint):
     """Steps in the files of a folder, each called by its number and a hash of what it follows from.
 
     Those that would take the folder beyond `most` bytes are not kept, and made again.

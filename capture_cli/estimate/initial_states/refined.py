@@ -16,7 +16,7 @@ from capture_cli.estimate.solve.linearization import (
     Linearization,
     Trial,
     columns,
-    scatter,
+    inflation,
     trial_objectives,
 )
 
@@ -64,7 +64,7 @@ def fit_starts(
     """
     found = _settled(evidence, evaluate, offsets, tolerance)
     if also is not None:
-        found = _or_from(found, evaluate, also, tolerance, found.scatter)
+        found = _or_from(found, evaluate, also, tolerance, found.inflation)
     generator, searched = np.random.default_rng(0), np.zeros(0, dtype=int)
     drawn = generator.standard_normal(
         (SETTINGS.drawn_if_rough if evidence.rough else SETTINGS.drawn, offsets.shape[1])
@@ -91,7 +91,7 @@ def fit_starts(
 def _scatter_of_others(found: Linearization, stuck: np.ndarray) -> float:
     """k of what the windows leave that are not `stuck`."""
     rest = np.setdiff1d(np.arange(len(found.residual)), stuck)
-    return scatter(found.evidence.rows(rest), found.residual[rest])
+    return inflation(found.evidence.rows(rest), found.residual[rest])
 
 
 def _along_axes(found: Linearization, evaluate: EvaluateWindows, tolerance: float) -> Linearization:
@@ -200,7 +200,7 @@ def _settled(
     best = Linearization.from_columns(evidence, NO_PARAMETERS, offsets, outputs, diverged)
     active, better, damping = every, ~diverged[0], np.zeros(len(offsets))
     for number in range(SETTINGS.rounds - 1):
-        k = best.scatter if held is None else held
+        k = best.inflation if held is None else held
         damping[active] = np.where(
             better,
             damping[active] / SETTINGS.damping_step,
@@ -226,7 +226,7 @@ def _moved(
 
     Sensitivities are measured of these alone: of a descent that is stuck most windows are worse, round after round.
     """
-    k = best.scatter
+    k = best.inflation
     outputs, diverged = evaluate(active, Trial(NO_PARAMETERS[None], offsets[None]))
     there = trial_objectives(best.evidence.rows(active), offsets[None], outputs, diverged, k)[0]
     better = there < best.objectives(k)[active]

@@ -278,7 +278,7 @@ class Descent:
     def _move(self, there: Linearization) -> None:
         self._at, self.x, self.offsets = there, there.x, there.offsets
         if self.rounds <= self._settled:
-            self._k = there.scatter
+            self._k = there.inflation
         self.error = float(np.sqrt(np.square(there.residual).sum() / self.evidence.count))
         if not there.carried:
             self._since = float(there.objectives(self._k).sum())

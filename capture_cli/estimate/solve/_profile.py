@@ -51,8 +51,8 @@ class Profile:
     better: tuple[np.ndarray, np.ndarray] | None = None
 
 
-def hanging(at: Linearization, sd: np.ndarray, evaluate: Evaluate, *, limit: np.ndarray) -> list[int]:
-    """The parameters that hang at the end of what shows: with a little more grip a wheel no longer slips, and any grip
+def one_sided(at: Linearization, sd: np.ndarray, evaluate: Evaluate, *, limit: np.ndarray) -> list[int]:
+    """The parameters that are known on one side alone: with a little more grip a wheel no longer slips, and any grip
     from there on is as good, whatever sensitivities say.
 
     sd (parameter,): in the unit cube; nan for those not to look at. limit: as of `profile`. Looked at are those of
@@ -153,7 +153,7 @@ class _Profiles:
 
     def __init__(self, at: Linearization, evaluate: Evaluate, limit: np.ndarray):
         self.at, self.evaluate, self.limit = at, evaluate, limit
-        self.k = at.scatter
+        self.k = at.inflation
 
     def rise(self, there: Linearization) -> float:
         """Of the objective, from the estimate to there."""

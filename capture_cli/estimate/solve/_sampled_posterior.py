@@ -88,7 +88,7 @@ def is_rough(at: Linearization, covariance: np.ndarray, evaluate: Evaluate) -> b
     """
     if not 0 < len(at.x) <= SETTINGS.most_parameters or at.fitted_starts > SETTINGS.known:
         return False
-    k = at.scatter
+    k = at.inflation
     sd = np.sqrt(np.maximum(np.diag(covariance), SETTINGS.smallest_sd**2))
     # row k: where the others are likeliest with parameter k so far off, `away` sd by the whole covariance
     ridges = SETTINGS.away * covariance / sd[:, None]
@@ -103,7 +103,7 @@ def sampled_posterior(
     at: Linearization, covariance: np.ndarray, evaluate: Evaluate, seed: int
 ) -> SampledPosterior:
     """What simulations say of the parameters, the first of them about an estimate of this covariance (p, p)."""
-    k = at.scatter
+    k = at.inflation
     generator = np.random.default_rng(seed)
     proposals: list[_Proposal] = []
     x, objectives = at.x[None], at.objectives(k).sum()[None]
@@ -145,5 +145,7 @@ def _objectives(at: Linearization, x: np.ndarray, evaluate: Evaluate) -> np.ndar
     if inside.any():
         offsets = np.repeat(at.offsets[None], int(inside.sum()), axis=0)
         outputs, diverged = evaluate(Trial(at.evidence.space.from_unit(x[inside]), offsets))
-        objectives[inside] = trial_objectives(at.evidence, offsets, outputs, diverged, at.scatter).sum(axis=1)
+        objectives[inside] = trial_objectives(at.evidence, offsets, outputs, diverged, at.inflation).sum(
+            axis=1
+        )
     return objectives

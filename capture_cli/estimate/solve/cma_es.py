@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from capture_cli.estimate.solve.base import Best, Identifier, Trial
-from capture_cli.estimate.solve.linearization import Linearization, columns, scatter
+from capture_cli.estimate.solve.linearization import Linearization, columns, inflation
 
 
 class CmaEs(Identifier):
@@ -109,7 +109,7 @@ class CmaEs(Identifier):
         )
         if not diverged[0].any():
             # what was known before was to first order about another point: this is exact
-            self._lowest = float(self._at.objectives(self._at.scatter).sum())
+            self._lowest = float(self._at.objectives(self._at.inflation).sum())
             self._best = replace(self._best, error=self._error(self._at.residual))
         self._linearizing = False
 
@@ -118,7 +118,7 @@ class CmaEs(Identifier):
 
     def _step(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The starts' step dz (window, state) that fits `residual` (window, row) best, and what it leaves."""
-        k = scatter(self.evidence, residual)
+        k = inflation(self.evidence, residual)
         b = self._at.by_start
         right = (b.swapaxes(1, 2) @ residual[..., None])[..., 0] - k * self._at.z
         dz = (self._at.start_gain(k) @ right[..., None])[..., 0]
@@ -126,10 +126,10 @@ class CmaEs(Identifier):
 
     def _value(self, residual: np.ndarray) -> float:
         dz, left = self._step(residual)
-        k = scatter(self.evidence, left)
+        k = inflation(self.evidence, left)
         return float(np.square(left).sum() + k * np.square(self._at.z + dz).sum())
 
     def _offsets(self, residual: np.ndarray) -> np.ndarray:
         """Offsets (window, state), SI, of the starts that fit `residual` best."""
         at = replace(self._at, residual=residual)
-        return at.start_offsets(np.zeros(0), at.scatter)
+        return at.start_offsets(np.zeros(0), at.inflation)

@@ -70,17 +70,17 @@ class Intervals:
         """
         own = np.isin(np.arange(len(space)), looked)
         limits = np.where(own[:, None], space.low[:, None] + excluded * space.span[:, None], np.nan)
-        hanging = own & self.identifiable & np.isnan(limits).any(axis=1)
-        identifiable = self.identifiable & ~hanging
+        one_sided = own & self.identifiable & np.isnan(limits).any(axis=1)
+        identifiable = self.identifiable & ~one_sided
         low = np.where(identifiable, np.fmin(self.low, limits[:, 0]), np.fmax(space.low, limits[:, 0]))
         high = np.where(identifiable, np.fmax(self.high, limits[:, 1]), np.fmin(space.high, limits[:, 1]))
         limits[identifiable] = np.nan
-        covariance = np.where(hanging[:, None] | hanging, 0.0, self.covariance)
-        covariance[hanging, hanging] = np.square(SETTINGS.lost_sd * space.span[hanging])
+        covariance = np.where(one_sided[:, None] | one_sided, 0.0, self.covariance)
+        covariance[one_sided, one_sided] = np.square(SETTINGS.lost_sd * space.span[one_sided])
         return replace(
             self,
             covariance=covariance,
-            sd=np.where(hanging, SETTINGS.lost_sd * space.span, self.sd),
+            sd=np.where(one_sided, SETTINGS.lost_sd * space.span, self.sd),
             low=low,
             high=high,
             identifiable=identifiable,
@@ -163,7 +163,7 @@ def _quantile(degrees: float, among: int = 1) -> float:
 
 def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
     """Covariance (p, p) in the unit cube, and the effective degrees of freedom of the residual."""
-    k = at.scatter
+    k = at.inflation
     gain = at.start_gain(k)
     b, j = at.by_start, at.by_parameter
     through = gain @ (b.swapaxes(1, 2) @ j)
@@ -196,7 +196,7 @@ def _left_to_go(at: Linearization) -> np.ndarray:
 
     Not where the error is smooth and far from noise: there a descent ends early on purpose.
     """
-    if not at.evidence.rough and at.scatter > SETTINGS.far:
+    if not at.evidence.rough and at.inflation > SETTINGS.far:
         return np.zeros((len(at.x),) * 2)
     step = at.whole_step
     return np.outer(step, step)
@@ -204,7 +204,7 @@ def _left_to_go(at: Linearization) -> np.ndarray:
 
 def _scatter_of_minima(at: Linearization, minima: Sequence[Linearization]) -> np.ndarray:
     """Second moment (p, p), in the unit cube, of minima about the best one, each with its likelihood for a weight."""
-    k = at.scatter
+    k = at.inflation
     least = at.objectives(k).sum()
     x = np.array([m.x for m in (at, *minima)]) - at.x
     behind = np.array([m.objectives(k).sum() for m in (at, *minima)]) - least

@@ -37,7 +37,7 @@ class LinearizationSettings:
     stands_out: float = 2.0  # times the squared error of the median window
     # Ranges: a parameter that is known to no better than this may show only by what finite differences are
     # wrong by, which would take it to the end of its range.
-    unseen: float = 10.0
+    insensitive: float = 10.0
 
 
 SETTINGS = LinearizationSettings()
@@ -266,7 +266,7 @@ class Linearization:
         dx = x - self.x
         dz = scaled_offsets(self.evidence, offsets - self.offsets)[:, self.evidence.movable]
         expected = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
-        along = np.where(self.unseen, 0.0, dx)
+        along = np.where(self.insensitive, 0.0, dx)
         square = float(along @ along)
         change = (expected - residual)[..., None] * (along / square) if square > 0 else 0.0
         by_parameter = self.by_parameter + change
@@ -314,14 +314,14 @@ class Linearization:
         return np.divide(self.offsets[:, movable], sd, out=np.zeros_like(sd), where=sd > 0)
 
     @property
-    def unseen(self) -> np.ndarray:
+    def insensitive(self) -> np.ndarray:
         """Which parameters show next to nothing here, (parameter,)."""
-        return np.square(self.by_parameter).sum(axis=(0, 1)) <= self.scatter / SETTINGS.unseen**2
+        return np.square(self.by_parameter).sum(axis=(0, 1)) <= self.inflation / SETTINGS.insensitive**2
 
     @cached_property
-    def scatter(self) -> float:
+    def inflation(self) -> float:
         """k: the variance of the residual over that of the noise times its autocorrelation time; at least 1."""
-        return scatter(self.evidence, self.residual)
+        return inflation(self.evidence, self.residual)
 
     @cached_property
     def products(self) -> tuple[np.ndarray, ...]:
@@ -350,20 +350,20 @@ class Linearization:
     @cached_property
     def _fitted_states(self) -> np.ndarray:
         """(window, movable state)."""
-        k = self.scatter
+        k = self.inflation
         return 1 - k * np.diagonal(self.start_gain(k), axis1=1, axis2=2)
 
     @property
     def information(self) -> np.ndarray:
         """What each window says of each parameter alone, its start fitted too, (window, parameter)."""
-        through = self.start_gain(self.scatter) @ self.products[1].swapaxes(1, 2)
+        through = self.start_gain(self.inflation) @ self.products[1].swapaxes(1, 2)
         return np.square(self.by_parameter - self.by_start @ through).sum(axis=1)
 
     @property
     def leverage(self) -> np.ndarray:
         """What share of each residual's own noise the starts take up, (window, row)."""
         b = self.by_start
-        return ((b @ self.start_gain(self.scatter)) * b).sum(axis=-1)
+        return ((b @ self.start_gain(self.inflation)) * b).sum(axis=-1)
 
     def normal(self, k: float, damping: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Hessian (p, p) and downhill gradient (p,) of half the objective, starts eliminated."""
@@ -377,7 +377,7 @@ class Linearization:
     @property
     def whole_step(self) -> np.ndarray:
         """The parameter step (parameter,), in the unit cube, to where the linearization is lowest within it."""
-        return self.bounded_step(self.scatter, -self.x, 1 - self.x)
+        return self.bounded_step(self.inflation, -self.x, 1 - self.x)
 
     def bounded_step(
         self, k: float, low: np.ndarray, high: np.ndarray, damping: np.ndarray | float = 0.0
@@ -442,7 +442,7 @@ def scaled_offsets(evidence: Evidence, offsets: np.ndarray) -> np.ndarray:
     return np.divide(offsets, sd, out=np.zeros_like(offsets), where=np.broadcast_to(sd > 0, offsets.shape))
 
 
-def scatter(evidence: Evidence, residual: np.ndarray) -> float:
+def inflation(evidence: Evidence, residual: np.ndarray) -> float:
     """Variance of the residual (window, row), in units of the noise's, times its autocorrelation time; at least 1."""
     variance = float(np.square(residual).sum() / max(evidence.count, 1))
     shaped = residual.reshape(evidence.measured.shape)
@@ -453,7 +453,7 @@ def held_step(
     hessian: np.ndarray, gradient: np.ndarray, k: float, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
     """As `box_step`, of an objective whose noise has the variance k; what shows next to nothing stays."""
-    return box_step(hessian + k / SETTINGS.unseen**2 * np.eye(len(gradient)), gradient, low, high)
+    return box_step(hessian + k / SETTINGS.insensitive**2 * np.eye(len(gradient)), gradient, low, high)
 
 
 def box_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ SETTINGS = EvenTimesSettings()
 
 
 @dataclass(frozen=True)
-class Scatter:
+class Jitter:
     """sd: s, of stamps about even times. smoother: outputs whose noise by differences is less there, in their units: at
     the stamps, and at even times.
     """
@@ -56,7 +56,7 @@ def with_even_times(log: MeasuredLog) -> MeasuredLog:
     return replace(log, time=time, recordings=recordings)
 
 
-def scatter(log: MeasuredLog) -> Scatter | None:
+def jitter(log: MeasuredLog) -> Jitter | None:
     """How stamps scatter where outputs are smoother, and none is rougher, at even times; None where they do not."""
     if not np.isfinite(log.time).all() or not any(_is_uneven(log.time[e]) for e in log.episodes):
         return None
@@ -76,7 +76,7 @@ def scatter(log: MeasuredLog) -> Scatter | None:
         elif here < SETTINGS.smoother * there:
             return None
     off = np.concatenate([log.time[e] - times for e, times in zip(log.episodes, even, strict=True)])
-    return Scatter(float(off.std()), smoother) if smoother else None
+    return Jitter(float(off.std()), smoother) if smoother else None
 
 
 def _is_uneven(time: np.ndarray) -> bool:

@@ -15,7 +15,7 @@ LOOPS = [int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)]
 
 class BodyShift(Shift):
     """Shift (m) of a body, with all that hangs on it, along the axes of the body it is fixed to: a link that is longer
-    than modelled, a tool that is mounted askew.
+    than modelled, a tool that is misaligned.
 
     A shift along the only axis that that body can turn about shows nothing but a steady offset, and is left out; so is
     all of it where a constraint closes a loop, whose starts would have to follow it.

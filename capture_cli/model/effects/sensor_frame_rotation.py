@@ -1,4 +1,4 @@
-"""A sensor of vectors that was mounted, or calibrated, askew; an orientation told in a frame that is turned."""
+"""A sensor of vectors that is misaligned, or calibrated so; an orientation told in a frame that is turned."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class SensorFrameRotation(SensorEffect):
     """What a sensor of a vector or an orientation reports, turned by a rotation vector (rad).
 
     That is the frame the numbers are told in: of gyros and accelerometers on the body, of positions and orientations
-    in the world. A sensor of orientation that is askew on its body is `sensor-mount-rotation`.
+    in the world. A sensor of orientation that is misaligned with its body is `sensor-mount-rotation`.
 
     Two sensors of the same kind on perpendicular slide joints of one body are a vector in the plane,
     SENSOR+SENSOR, turned by one `angle` from the first towards the second.
     """
 
-    summary = "a sensor's frame is turned: a camera, a gyro or an accelerometer askew, a north that is off"
+    summary = "a sensor's frame is turned: a misaligned camera, gyro or accelerometer, a north that is off"
     where = "every sensor of a vector or an orientation, every pair of sensors on perpendicular slides"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):

@@ -1,4 +1,4 @@
-"""A sensor of orientation, or a device of several sensors, that is mounted askew on its body."""
+"""A sensor of orientation, or a device of several sensors, that is misaligned with its body."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class SensorMountRotation(SensorEffect):
     """The orientation that a sensor reports is that of a frame turned on its body by a rotation vector (rad).
 
     The angular velocities that are read off it turn, too. Sensors at one site of the model are one device,
-    SENSOR+SENSOR: an IMU that is askew tells its orientation, rates and accelerations in the frame that is turned. Only
+    SENSOR+SENSOR: an IMU that is misaligned tells its orientation, rates and accelerations in the turned frame. Only
     what is fixed to the body shows it, unequal inertia or forces: a ball that flies freely moves as one that began
     turned, and the start takes it up.
     """
 
-    summary = "a sensor of orientation, or an IMU of several sensors, is mounted askew on its body"
+    summary = "a sensor of orientation, or an IMU of several sensors, is misaligned with its body"
     where = "every sensor of an orientation, and the sensors of a site that turn with it together"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):

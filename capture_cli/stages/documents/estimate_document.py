@@ -155,7 +155,7 @@ class Report:
         """By how much less of the objective over k the fit `own` to the part leaves than the estimate does, each with
         starts of its own.
         """
-        k, together = own.at.scatter, replace(own, point=self.best.parameters)
+        k, together = own.at.inflation, replace(own, point=self.best.parameters)
         there = self.fits.starts_at(part, together, LEAST_SQUARES.converged_gain, own.offsets)
         return float((there.objectives(k) - own.at.objectives(k)).sum() / k)
 

@@ -17,7 +17,7 @@ from capture_cli.estimate.prediction import Predicted, PredictionError, Predicti
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.intervals import Intervals
 from capture_cli.estimate.time_step import ShorterStep
-from capture_cli.log.checks.even_times import scatter
+from capture_cli.log.checks.even_times import jitter
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.effects.base import Effect
 from capture_cli.model.fields import ModelFields
@@ -247,7 +247,7 @@ def time_stamps_of(prepared: PreparedLog, stamps: TimeStampJitter | None) -> dic
         for name, (sd, _) in list(off.items())[: SETTINGS.most_named]
     )
     more = f" and {len(off) - SETTINGS.most_named} more" if len(off) > SETTINGS.most_named else ""
-    even = scatter(prepared.log) is not None
+    even = jitter(prepared.log) is not None
     share = percent(max(share for _, share in off.values()))
     return {
         "outputs": {name: {"sd": sd, "share": share} for name, (sd, share) in off.items()},

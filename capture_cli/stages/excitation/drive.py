@@ -156,7 +156,7 @@ def _actions(task: ActionTask, asked: RecordOptions, generator: np.random.Genera
 
 
 def _sampled(sequence: np.ndarray, timestep: float, time: np.ndarray, linear: np.ndarray) -> np.ndarray:
-    """Inputs (grid, input) at `time` (step,): their value where they are `linear`, their mean to the next sample if not."""
+    """Inputs (grid, input) at `time` (step,): their value where `linear`, their mean until the next sample if not."""
     grid = timestep * np.arange(len(sequence) + 1)
     edges = np.append(time, 2 * time[-1] - time[-2])
     values = np.empty((len(time), sequence.shape[1]))

@@ -67,7 +67,7 @@ class Known:
             alike=(lack["autocorrelation_time"] - 1) * interval,
         )
 
-    def scatter(self, interval: float) -> float:
+    def inflation(self, interval: float) -> float:
         """k, as of a `Linearization`, of a residual with samples `interval` s apart."""
         return max(1.0, self.variance * (1 + self.alike / interval))
 

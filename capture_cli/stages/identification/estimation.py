@@ -12,7 +12,7 @@ from capture_cli.common.progress import Progress
 from capture_cli.context.identifiers.base import finite
 from capture_cli.estimate.difference_step import difference_step, hits_something
 from capture_cli.estimate.escape import SETTINGS as ESCAPE
-from capture_cli.estimate.escape import way_out
+from capture_cli.estimate.escape import better_minimum
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.initial_states.of_windows import as_acted
@@ -249,8 +249,8 @@ def with_longer_differences(found: Found, progress: Progress, *, seed: int, thre
     return _after(found, again)
 
 
-def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
-    """`found`; where bodies touch or joints stop, from where there is a way out, as long as there is one.
+def escaped(found: Found, progress: Progress, *, seed: int) -> Found:
+    """`found`; where bodies touch or joints stop, escaped from local minima, as long as that is possible.
 
     Where all is explained, too: a descent may end where no step of parameters and starts together is one down, standard
     deviations from the bottom, and its intervals would not know. Far from explained no bottom is the right one, and a
@@ -259,10 +259,10 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
     fits, part = found.fits, found.part
     if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.offsets):
         return found
-    for number in range(ESCAPE.ways_out):
-        what = f"way out {number + 1} of at most {ESCAPE.ways_out}"
+    for number in range(ESCAPE.escapes):
+        what = f"escape {number + 1} of at most {ESCAPE.escapes}"
         progress.doing(f"{what}, looking for it")
-        way = way_out(fits, part, found.at, whole_step=True, worth=_worth_of_a_way(found))
+        way = better_minimum(fits, part, found.at, whole_step=True, worth=_worth_of_a_way(found))
         if way is None:
             break
         x, offsets = way
@@ -278,14 +278,14 @@ def _worth_of_a_way(found: Found) -> float:
     if found.best.error <= SETTINGS.clearly:
         return SETTINGS.one_sd
     at = found.at.at
-    return max(SETTINGS.one_sd, SETTINGS.least_gain * at.objectives(at.scatter).sum() / at.scatter)
+    return max(SETTINGS.one_sd, SETTINGS.least_gain * at.objectives(at.inflation).sum() / at.inflation)
 
 
 def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found:
     """`found`; where a parameter shows nowhere about it, from where it does, if that is better by more than chance: the
     grip of a wheel that never slips with the nominal one tells nothing, and less of it may explain what is left.
     """
-    for column in np.flatnonzero(found.at.at.unseen):
+    for column in np.flatnonzero(found.at.at.insensitive):
         point = _where_it_shows(found, column)
         if point is not None:
             offsets = found.at.at.offsets
@@ -294,7 +294,7 @@ def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found
                 found.fits, point, progress, Descents(seed, what, rounds=SETTINGS.again), offsets
             )
             gained = (found.best.error**2 - again.best.error**2) * found.at.at.evidence.count
-            if gained > FIT.as_good * found.at.at.scatter:
+            if gained > FIT.as_good * found.at.at.inflation:
                 return _after(found, again)
     return found
 
@@ -306,7 +306,7 @@ def _where_it_shows(found: Found, column: int) -> np.ndarray | None:
     does.
     """
     fits, at = found.fits, found.at.at
-    now, k = at.objectives(at.scatter).sum(), at.scatter
+    now, k = at.objectives(at.inflation).sum(), at.inflation
 
     def along(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         x = np.repeat(at.x[None], len(places), axis=0)
