@@ -9,7 +9,7 @@ import pytest
 from inspecting import inspect
 
 from capture_cli.errors import LogError
-from capture_cli.log.checks.even_times import _even, scatter
+from capture_cli.log.checks.even_times import _even, jitter
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.stages.import_log import import_log
 
@@ -46,7 +46,7 @@ def read(folder: Path, stamp: np.ndarray, values: np.ndarray, **options) -> Meas
 def test_stamps_that_scatter_are_noticed_and_evened(tmp_path, off):
     time, stamp = stamps(off)
     log = read(tmp_path, stamp, motion(time))
-    found = scatter(log)
+    found = jitter(log)
     assert found.sd == pytest.approx((stamp - time).std(), rel=0.02)
     here, there = found.smoother["q"]
     assert there == pytest.approx(NOISE, rel=0.1) and here > 1.25 * NOISE
@@ -62,15 +62,15 @@ def test_stamps_that_scatter_are_noticed_and_evened(tmp_path, off):
 
 def test_times_that_are_uneven_and_true_are_left_alone(tmp_path):
     _, stamp = stamps(1e-3)
-    assert scatter(read(tmp_path, stamp, motion(stamp))) is None
+    assert jitter(read(tmp_path, stamp, motion(stamp))) is None
     uneven = [f["message"] for f in inspect(tmp_path / "log.zarr")["findings"] if f["severity"] == "note"]
     assert any("sampling is uneven" in m for m in uneven)
 
 
 def test_even_times_and_slow_motion_say_nothing(tmp_path):
     time, stamp = stamps(1e-3)
-    assert scatter(read(tmp_path, time, motion(time))) is None
-    assert scatter(read(tmp_path, stamp, 0.01 * motion(time))) is None
+    assert jitter(read(tmp_path, time, motion(time))) is None
+    assert jitter(read(tmp_path, stamp, 0.01 * motion(time))) is None
 
 
 def test_lost_samples_leave_their_place(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from capture_cli.cli import main
 from capture_cli.common.quantities import significant
 from capture_cli.estimate.solve._profile import SETTINGS as PROFILE
-from capture_cli.estimate.solve._profile import hanging, profile
+from capture_cli.estimate.solve._profile import one_sided, profile
 from capture_cli.estimate.solve.intervals import intervals
 from capture_cli.estimate.solve.linearization import Evidence, Linearization, Trial, columns
 from capture_cli.model.parameters import Parameter, ParameterSpace
@@ -61,8 +61,8 @@ class Log:
         return np.full(len(self.at.x), self.intervals.quantile() ** 2)
 
     @property
-    def hanging(self):
-        return hanging(self.at, self.intervals.sd, self.evaluate, limit=self.limit)
+    def one_sided(self):
+        return one_sided(self.at, self.intervals.sd, self.evaluate, limit=self.limit)
 
 
 def profiled(simulate, at, truth, which=None, worth=WORTH, seed=0):
@@ -143,16 +143,16 @@ def test_what_slipped_by_a_hair_hangs():
     """Sensitivities say that more grip would show, too."""
     slipped = Log(grips, (0.497, 0.5), (0.497, 0.5))
     assert slipped.intervals.identifiable.all()
-    assert slipped.hanging == [0]
+    assert slipped.one_sided == [0]
 
 
 def test_what_slipped_much_does_not_hang():
-    assert Log(grips, (0.3, 0.5), (0.3, 0.5)).hanging == []
+    assert Log(grips, (0.3, 0.5), (0.3, 0.5)).one_sided == []
 
 
 def test_what_shows_in_many_windows_costs_nothing():
     log = Log(grips, (0.3, 0.5), (0.3, 0.5), windows=3)
-    assert log.hanging == []
+    assert log.one_sided == []
     assert log.profile().looked.size == 0
     assert log.count == 0
 
