@@ -12,15 +12,15 @@ import os
 import re
 import stat
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import CaptureError
 
 
-@dataclass(frozen=True)
-class DocumentsSettings:
+@frozen
+class SETTINGS:
     largest_toml: int = 2**18  # bytes: a table of a thousand channels, and its parser is slow
     largest_json: int = 2**24  # bytes: a minute of a proposal's inputs takes a tenth of it
     # lists and tables in a document: each takes a hundred bytes, and may be written in three
@@ -32,9 +32,6 @@ class DocumentsSettings:
     largest_whole: int = 2**63  # below it, as TOML says and arrays hold
     most_digits: int = 19  # of such a number
     shown: int = 40  # characters, in a message, of a key or a value
-
-
-SETTINGS = DocumentsSettings()
 
 
 CHECK_PATH = "check the path"

@@ -8,16 +8,15 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class ProgressSettings:
+
+@frozen
+class SETTINGS:
     first: float = 1.0  # s until the first line: what is done sooner needs none, and starting takes some, too
     plain_every: float = 10.0  # s
     refreshed_every: float = 1.0  # s, the bar of a terminal
     long: float = 2.0  # s that are worth telling
-
-
-SETTINGS = ProgressSettings()
 
 
 @dataclass(frozen=True)

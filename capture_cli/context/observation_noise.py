@@ -8,22 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import OptionError, did_you_mean
 
 
-@dataclass(frozen=True)
-class ObservationNoiseSettings:
+@frozen
+class SETTINGS:
     label_every: int = 3  # rounds; the last of three is random
     labels: int = 3
     least_error_rate: float = 1e-3  # of labels that are right: nobody is that sure
     scale_spread: float = 0.1
-
-
-SETTINGS = ObservationNoiseSettings()
 
 
 def apply(

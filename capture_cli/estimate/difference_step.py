@@ -9,11 +9,12 @@ what of it is left where the starts are fitted too: of a slope that starts make 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Trial
 from capture_cli.estimate.solve.linearization import SETTINGS as LINEARIZATION
@@ -23,14 +24,11 @@ from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Simulator
 
 
-@dataclass(frozen=True)
-class DifferenceStepSettings:
+@frozen
+class SETTINGS:
     steps: tuple[float, ...] = (1e-4, 1e-3, 1e-2, 5e-2)  # shares of a parameter's range
     agree: float = 0.3  # of a slope, that one over the next step may differ by
     windows: int = 64  # evenly spread, that it is measured in: of a few none need hit anything
-
-
-SETTINGS = DifferenceStepSettings()
 
 
 def difference_step(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
@@ -18,12 +19,9 @@ if TYPE_CHECKING:
     from capture_cli.estimate.model_fits import ModelFits
 
 
-@dataclass(frozen=True)
-class EscapeSettings:
+@frozen
+class SETTINGS:
     escapes: int = 5  # that are taken, of minima that contacts make
-
-
-SETTINGS = EscapeSettings()
 
 
 def escaped(

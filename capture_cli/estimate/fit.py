@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.least_squares import SETTINGS as LEAST_SQUARES
 from capture_cli.estimate.solve.linearization import Linearization
@@ -16,8 +17,8 @@ from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import ParameterSpace
 
 
-@dataclass(frozen=True)
-class FitSettings:
+@frozen
+class SETTINGS:
     # Evenly spread windows are scored on, at most so many; of many steps (hard contacts need short ones)
     # fewer: a score needs no more.
     scored_windows: int = 40
@@ -27,9 +28,6 @@ class FitSettings:
     tolerance: float = 0.1
     exact: float = 3e-3  # for what is reported
     as_good: float = 3.84  # of the objective over k: 95 % of what chance makes of one number
-
-
-SETTINGS = FitSettings()
 
 
 @dataclass(frozen=True, eq=False)

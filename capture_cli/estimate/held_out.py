@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.extrapolation import Beyond, beyond_fitted
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
@@ -24,14 +25,11 @@ from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_held_out, lac
 from capture_cli.estimate.part_fit import PartFit
 
 
-@dataclass(frozen=True)
-class HeldOutSettings:
+@frozen
+class SETTINGS:
     drawn: int = 32  # points where a fit to the whole log may begin
     by_chance: float = 1e-3  # the probability that parameters are farther off than this
     next_to_nothing: float = 0.01  # noise floors that what was fitted may be worse
-
-
-SETTINGS = HeldOutSettings()
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import CaptureError
 from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.prepare import Excerpt, prepare
@@ -28,8 +29,8 @@ FACTORS = {  # by which a channel may have to be multiplied
 }
 
 
-@dataclass(frozen=True)
-class MisreadChannelsSettings:
+@frozen
+class SETTINGS:
     # Windows and rounds of a fit: to each reading, to the best share of them, and to the best of these
     screening: tuple[int, int] = (3, 3)
     second_screening: tuple[int, int] = (6, 6)
@@ -43,9 +44,6 @@ class MisreadChannelsSettings:
     most_pairs: int = 56  # of channels that are exchanged: all of eight in each of two units
     above: float = 3.0  # times the noise floor: an output that moves less does not
     largest_share: float = 3.0  # of the motion of one output: beyond it is nonsense, however far
-
-
-SETTINGS = MisreadChannelsSettings()
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from itertools import takewhile
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.checkpoint import Checkpoint, checkpointed_fit, checkpointed_part
 from capture_cli.estimate.escape import escaped
 from capture_cli.estimate.fit import SETTINGS as FIT
@@ -35,12 +36,9 @@ from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Begun, Motion, Simulator
 
 
-@dataclass(frozen=True)
-class ModelFitsSettings:
+@frozen
+class SETTINGS:
     fit_rounds: int = 60
-
-
-SETTINGS = ModelFitsSettings()
 
 
 @dataclass(frozen=True)

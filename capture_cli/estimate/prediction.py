@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.initial_states.of_windows import log_starts, readable
 from capture_cli.estimate.log_windows import clock, windows_at
 from capture_cli.estimate.model_fits import ModelFits
@@ -27,8 +28,8 @@ from capture_cli.model.coordinate_sources import sources_of
 from capture_cli.model.effects.placed import Placed
 
 
-@dataclass(frozen=True)
-class PredictionSettings:
+@frozen
+class SETTINGS:
     horizons: tuple[float, ...] = (0.1, 0.5, 2.0)  # s; and the whole of every episode
     # Predictions of one horizon in one part of the log, at most: a root mean square of so many is good to 10
     # %. No horizon costs more than to simulate the log once.
@@ -36,9 +37,6 @@ class PredictionSettings:
     long: float = 1.5  # times the longest of them: a window that is longer has room for several predictions
     same: float = 1.05  # times a horizon: episodes that are no longer are told in free run alone
     rounding: float = 1e-6  # of a horizon, by which the stamp of a sample at its end may be late
-
-
-SETTINGS = PredictionSettings()
 
 
 @dataclass(frozen=True)

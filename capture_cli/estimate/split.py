@@ -8,12 +8,13 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import LogError, OptionError
 from capture_cli.log.shorter_window import set_shorter
 
 
-@dataclass(frozen=True)
-class SplitSettings:
+@frozen
+class SETTINGS:
     test_share: float = 0.25
     # Of the samples, that whole episodes may keep back: with fewer what judges says nothing, with more what
     # is fitted does
@@ -22,9 +23,6 @@ class SplitSettings:
     enough_episodes: int = 4  # to choose those that are kept back at random, rather than the last
     draws: int = 20  # of episodes that are about as long as they should be
     most_named: int = 5  # episodes that are kept back and named
-
-
-SETTINGS = SplitSettings()
 
 
 UNEQUAL = "the episodes are too unequal to hold out whole ones"

@@ -6,16 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class InputSequencesSettings:
+
+@frozen
+class SETTINGS:
     # A sample this close before a grid point, in steps, belongs to it: times in files are rounded.
     grid_tolerance: float = 1e-3
     # Sequences of all windows up to this size are kept. Larger ones, which overlap, are read off the log when asked.
     kept_bytes: int = 64 << 20
-
-
-SETTINGS = InputSequencesSettings()
 
 
 @dataclass(frozen=True)

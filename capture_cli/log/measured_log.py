@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import LogError, StoreError
 from capture_cli.log.arrays import Log
 from capture_cli.store.document_shape import (
@@ -87,12 +88,9 @@ SHAPE = {  # of the attributes
 LARGER = "if it is that long, say how much may be read, say --max-log-size 2GB; otherwise copy it again"
 
 
-@dataclass(frozen=True)
-class MeasuredLogSettings:
+@frozen
+class SETTINGS:
     fewest_of_a_sparse: int = 5  # samples of an episode: with fewer nobody can tell how the output moves
-
-
-SETTINGS = MeasuredLogSettings()
 
 
 @dataclass(frozen=True)

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class QuantisationSettings:
+
+@frozen
+class SETTINGS:
     fewest_levels: int = 3
     most_levels: float = 0.25  # of the samples: of a series with more, hardly any value comes twice
     # of the range: levels closer than this are one, but for how it was printed or added up
     finest: float = 1e-6
     tolerance: float = 0.05  # of a step: digits that a file leaves out move levels
     most_off: float = 0.01  # of the levels
-
-
-SETTINGS = QuantisationSettings()
 
 
 def scatter_of_steps(series: Sequence[np.ndarray]) -> float:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import comb
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class RangeEndsSettings:
+
+@frozen
+class SETTINGS:
     # quantile of the numbers reported, by size, that counts as the largest: spikes are larger
     largest: float = 0.999
     order: int = 3  # of the differences by which noise is told from motion
@@ -20,9 +21,6 @@ class RangeEndsSettings:
     # times as many samples as next to them, and no fewer: a sine has 2.4
     piled_up: float = 2.5
     fewest: int = 10
-
-
-SETTINGS = RangeEndsSettings()
 
 
 def largest_of(reported: np.ndarray) -> float:

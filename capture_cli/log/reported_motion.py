@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class ReportedMotionSettings:
+
+@frozen
+class SETTINGS:
     most_late: float = 0.25  # s, before a window's start that the sensors' numbers are looked at
     knot_interval: float = 0.025  # s, or one sample where they are further apart
-
-
-SETTINGS = ReportedMotionSettings()
 
 
 @dataclass(frozen=True)

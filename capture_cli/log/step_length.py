@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from capture_cli.common.frozen import frozen
 from capture_cli.log.windows import SETTINGS as WINDOWS
 
 
-@dataclass(frozen=True)
-class StepLengthSettings:
+@frozen
+class SETTINGS:
     most_per_sample: int = 10_000  # steps: a simulation of a minute at 100 Hz takes as many minutes
-
-
-SETTINGS = StepLengthSettings()
 
 
 def unsuitable_step(timestep: float, interval: float, lasts: float) -> tuple[str, str] | None:

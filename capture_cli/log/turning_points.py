@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class TurningPointsSettings:
+
+@frozen
+class SETTINGS:
     remembered: int = 16  # ways between turning points, the last ones
-
-
-SETTINGS = TurningPointsSettings()
 
 
 class WaysBefore:

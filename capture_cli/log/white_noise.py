@@ -8,26 +8,24 @@ samples) are trimmed.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import comb
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
+
 ORDERS = range(2, 9)
 
 
-@dataclass(frozen=True)
-class WhiteNoiseSettings:
+@frozen
+class SETTINGS:
     # the signal still shows at an order if the next one gives less than this share
     still_falling: float = 0.9
     trimmed: float = 0.95  # share of the squared differences that is kept
     # the largest kept of few lies a little above the quantile of the share that they are
     place: float = 1 / 3
     uneven: float = 0.01  # of the sampling interval: files round times
-
-
-SETTINGS = WhiteNoiseSettings()
 
 
 def trimmed_sd(numbers: np.ndarray) -> float:

@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.log.arrays import Log
 from capture_cli.log.input_sequences import SETTINGS as INPUT_SEQUENCES
 from capture_cli.log.input_sequences import InputSequences, LoggedInputs, input_sequences
 
 
-@dataclass(frozen=True)
-class WindowsSettings:
+@frozen
+class SETTINGS:
     # A gap this many usual sampling intervals long ends a window: nobody knows what drove the machine in it.
     gap_factor: float = 20.0
     # of a window: an episode a little shorter still is one
@@ -27,9 +28,6 @@ class WindowsSettings:
     lead: float = 4.0
     # of the time since an episode began: how far off a clock may be, and inputs are kept from after each window
     most_drift: float = 0.05
-
-
-SETTINGS = WindowsSettings()
 
 
 @dataclass(frozen=True)

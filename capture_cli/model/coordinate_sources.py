@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.object_names import object_name
 
 _S = mujoco.mjtSensor
@@ -21,12 +22,9 @@ _KINDS = {
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
-@dataclass(frozen=True)
-class CoordinateSourcesSettings:
+@frozen
+class SETTINGS:
     rounding: float = 1e-9  # of a coordinate, that a sum of readings may be off by
-
-
-SETTINGS = CoordinateSourcesSettings()
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,13 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.object_names import object_name
 from capture_cli.model.states import Starts
 
 
-@dataclass(frozen=True)
-class LoopClosureSettings:
+@frozen
+class SETTINGS:
     rounds: int = 20  # of Newton's method at one state
     closed: float = 1e-9  # m or rad: a step less than that ends them
     # m/s^2 or rad/s^2: soft constraints give way under loads that would accelerate by this at least: gravity's
@@ -34,9 +35,6 @@ class LoopClosureSettings:
     led: float = 0.1
     # Times what noise and softness make of a gap: beyond, what was measured contradicts the constraint.
     open: float = 10.0
-
-
-SETTINGS = LoopClosureSettings()
 
 
 @dataclass(frozen=True)

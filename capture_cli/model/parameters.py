@@ -8,16 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import OptionError, did_you_mean
 
 
-@dataclass(frozen=True)
-class ParametersSettings:
+@frozen
+class SETTINGS:
     at_bound: float = 1e-4  # of the range: nearer to its end a parameter is at it
     step: float = 1e-4  # of the range: well above the solver's tolerance, well below curvature
-
-
-SETTINGS = ParametersSettings()
 
 
 @dataclass(frozen=True)

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class QuaternionOrderSettings:
+
+@frozen
+class SETTINGS:
     # Which of four columns are w, x, y and z
     w_first: tuple[int, ...] = (0, 1, 2, 3)
     w_last: tuple[int, ...] = (3, 0, 1, 2)
     small: float = 0.2  # of length 1: a body that leans by less than 33 degrees
     large: float = 0.7
-
-
-SETTINGS = QuaternionOrderSettings()
 
 
 def order_in_names(columns: Sequence[str]) -> tuple[int, ...] | None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
 
 import mujoco
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import TaskError
 
 _S = mujoco.mjtSensor
@@ -19,13 +19,10 @@ _TURN = 2 * math.pi
 _TURNS = {"rad": _TURN, "deg": 360.0, "turns": 1.0}  # a whole turn, as it may be written
 
 
-@dataclass(frozen=True)
-class SensorUnitsSettings:
+@frozen
+class SETTINGS:
     rounded: float = 0.01  # of 6.28 for a turn, or 0.0175 for a degree
     gravity: float = 9.80665  # m/s^2
-
-
-SETTINGS = SensorUnitsSettings()
 
 
 # How many of the first there are in one of each

@@ -13,16 +13,14 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.fields import ModelFields, model_field
 
 
-@dataclass(frozen=True)
-class TargetsSettings:
+@frozen
+class SETTINGS:
     contact_stiffness: float = 5000.0  # 1/s^2, for a restitution on a geom whose solref is not in direct form
     contact_impedance: float = 0.95  # MuJoCo's default solimp dmax
-
-
-SETTINGS = TargetsSettings()
 
 
 class Target(ABC):

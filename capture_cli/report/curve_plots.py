@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import scaled_unit, titled
 from capture_cli.report.curves import HELD_OUT, Curves, Model, autocorrelation, bin_edges, thin
 from capture_cli.report.plotly_parts import Plot, band, in_template, line, mark, packed, swatch
@@ -18,8 +18,8 @@ Record = Estimate | Diagnosis
 SHADES = {"selecting": "--select-shade", HELD_OUT: "--test-shade"}
 
 
-@dataclass(frozen=True)
-class CurvePlotsSettings:
+@frozen
+class SETTINGS:
     # Numbers of all curves together: 2 MB for the whole log, and half of that for the windows held apart.
     numbers: int = 400_000
     most_points: int = 40_000
@@ -30,9 +30,6 @@ class CurvePlotsSettings:
     point: float = 2.6
     # More marks than these are a grey wall.
     most_episode_marks: int = 60
-
-
-SETTINGS = CurvePlotsSettings()
 
 
 def curve_views(record: Record, curves: Curves) -> dict[str, Any]:

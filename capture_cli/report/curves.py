@@ -8,18 +8,16 @@ from itertools import pairwise
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.store.diagnosis import Diagnosis
 from capture_cli.store.estimate import Estimate
 
 
-@dataclass(frozen=True)
-class CurvesSettings:
+@frozen
+class SETTINGS:
     # Past this the log's own clock (an epoch, say) makes unreadable tick labels: time is counted from the start.
     longest_clock: float = 1e5
     max_lags: int = 200
-
-
-SETTINGS = CurvesSettings()
 
 
 HELD_OUT = "held out"

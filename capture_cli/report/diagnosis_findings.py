@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import (
     floor_unit,
     scaled_unit,
@@ -36,15 +37,12 @@ TITLES = {
 PARTS = {"fit": "fitted", "select": "selecting", "test": "held out"}
 
 
-@dataclass(frozen=True)
-class DiagnosisFindingsSettings:
+@frozen
+class SETTINGS:
     hidden: float = 0.7  # of the error on what judges: what was fitted is seldom so much easier
     moved: float = 2.0  # sd: more than chance moves a parameter
     worth_a_logarithm: float = 15.0  # errors that differ by more than this factor
     telling: float = 0.1  # share of a residual's variance that is worth a word
-
-
-SETTINGS = DiagnosisFindingsSettings()
 
 
 ACCEPTED, TIED, NOT_TRIED = "accepted", "tied", "not tried"

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import place, scaled_unit, significant, titled, with_unit
 from capture_cli.report.curves import SETTINGS as CURVES
 from capture_cli.report.diagnosis_findings import PARTS, Moved, StageErrors, moved, shift, stage_errors
@@ -17,16 +17,13 @@ from capture_cli.store.diagnosis import Diagnosis, DiagnosisRecord
 COLORS = {"fit": "--measured", "select": "--select", "test": "--test"}
 
 
-@dataclass(frozen=True)
-class DiagnosisPlotsSettings:
+@frozen
+class SETTINGS:
     # px: of the plots of localisation, and what is around them
     above: int = 56
     under: int = 44
     cell: int = 170
     between: int = 76
-
-
-SETTINGS = DiagnosisPlotsSettings()
 
 
 LEGEND = {"orientation": "h", "x": 0, "y": 1.02, "xanchor": "left", "yanchor": "bottom"}

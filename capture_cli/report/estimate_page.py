@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import counted, significant
 from capture_cli.report import curve_plots, findings, parameter_plots
 from capture_cli.report.curves import Curves
@@ -14,13 +14,10 @@ from capture_cli.report.prediction import predictions
 from capture_cli.store.estimate import Estimate, EstimateRecord
 
 
-@dataclass(frozen=True)
-class EstimatePageSettings:
+@frozen
+class SETTINGS:
     # Outputs past these are folded: a page of thirty sensors must still open at once.
     open_outputs: int = 4
-
-
-SETTINGS = EstimatePageSettings()
 
 
 def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:

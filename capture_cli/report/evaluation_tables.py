@@ -12,6 +12,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import MISSING, significant
 from capture_cli.model.effects.placed import placed_name
 from capture_cli.report import paper_numbers
@@ -19,13 +20,10 @@ from capture_cli.report.terminal import SETTINGS as TERMINAL
 from capture_cli.store.evaluation import EvaluationRecord, SuiteRecord
 
 
-@dataclass(frozen=True)
-class EvaluationTablesSettings:
+@frozen
+class SETTINGS:
     parameter_round: int = 7  # where the paper's text compares parameter differences
     ratio_round: int = 10
-
-
-SETTINGS = EvaluationTablesSettings()
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
@@ -16,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.text import Text
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import titled
 from capture_cli.common.signals import end_with_parent
 from capture_cli.report.curve_plots import (
@@ -29,8 +29,8 @@ from capture_cli.report.curve_plots import (
 from capture_cli.report.curves import Curves, thin
 
 
-@dataclass(frozen=True)
-class FigurePartsSettings:
+@frozen
+class SETTINGS:
     dpi: int = 150
     width: float = 9.0  # inches
     compression: int = 2  # of zlib, not 6: a seventh more bytes, written in half the time
@@ -44,9 +44,6 @@ class FigurePartsSettings:
     between: float = 0.28
     # Rows of a figure: a log with thirty sensors is for the page.
     most_outputs: int = 6
-
-
-SETTINGS = FigurePartsSettings()
 
 
 INK, MUTED, RULE = "#15191e", "#5c6772", "#d5dade"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import bound, place, to_precision_of, with_unit
 from capture_cli.report.curves import Curves
 from capture_cli.report.figure_parts import (
@@ -28,13 +28,10 @@ from capture_cli.report.figure_parts import (
 from capture_cli.store.estimate import Estimate
 
 
-@dataclass(frozen=True)
-class FiguresSettings:
+@frozen
+class SETTINGS:
     # More names than these would cover the curves they name.
     most_named: int = 8
-
-
-SETTINGS = FiguresSettings()
 
 
 PATHS = ("#1f6391", "#c8430a", "#1b7a4a", "#7546b8", "#b0476a", "#8a6d1f", "#3d8f96", "#5c6772")

@@ -9,21 +9,19 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import bound, floor_unit, scaled_unit, significant, with_unit
 from capture_cli.store.estimate import Estimate, EstimateRecord
 from capture_cli.store.result import Record, Result
 
 
-@dataclass(frozen=True)
-class FindingsSettings:
+@frozen
+class SETTINGS:
     # Of the motion within a window, and times the noise floor: physics seldom leaves so much
     left: float = 0.5
     above: float = 3.0
     too_good: float = 0.7  # times the noise floor: no fit gets so far below it
     most: float = 0.5  # of what is beyond chance
-
-
-SETTINGS = FindingsSettings()
 
 
 # In `next_command` of estimate.json: the folder it lies in, by which two equal estimates do not differ.

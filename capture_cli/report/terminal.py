@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -13,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import (
     MISSING,
     bound,
@@ -35,8 +35,8 @@ STYLES = {
 }
 
 
-@dataclass(frozen=True)
-class TerminalSettings:
+@frozen
+class SETTINGS:
     # Narrower than this, the bounds are left to the page.
     wide: int = 96
     # More than these would push the verdict off a small screen; the page has them all.
@@ -49,9 +49,6 @@ class TerminalSettings:
     short: int = 2
     mark: int = 9  # characters, of the words that open its lines
     column_gap: int = 3  # characters between two columns
-
-
-SETTINGS = TerminalSettings()
 
 
 _ASCII = str.maketrans(

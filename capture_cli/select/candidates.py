@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.log_windows import clock
 from capture_cli.estimate.part_fit import PartFit
@@ -26,8 +27,8 @@ from capture_cli.select.score import SETTINGS as SCORE
 from capture_cli.select.score import Score, score, similarity
 
 
-@dataclass(frozen=True)
-class CandidatesSettings:
+@frozen
+class SETTINGS:
     # Best-scoring candidates that are fitted jointly, each time round: so many that differ, with so many like
     # each, no more than so many in all. A force of one direction can be a bias, a preload or a tilt: they
     # must not keep all others out.
@@ -51,11 +52,8 @@ class CandidatesSettings:
     most_too_much: float = 1e4
 
 
-SETTINGS = CandidatesSettings()
-
-
-@dataclass(frozen=True)
-class WorthSettings:
+@frozen
+class WORTH:
     """When a score at null is no reason to fit. smallest_gain: of the objective, over the variance that would be left,
     below which it is chance; the best of n shapes has 2 log(n) more. promising: of what is left above the noise, below
     which it promises too little, though a fit may find more. absorbed: of a sensitivity, what must be left once the
@@ -65,9 +63,6 @@ class WorthSettings:
     smallest_gain: float = 12.0
     promising: float = 0.01
     absorbed: float = 0.005
-
-
-WORTH = WorthSettings()
 
 
 @dataclass

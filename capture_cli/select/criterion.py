@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 
 
-@dataclass(frozen=True)
-class CriterionSettings:
+@frozen
+class SETTINGS:
     level: float = 0.01  # chance of accepting anything where nothing is missing, over all candidates together
     # one-sided, of the paired test on data that was not fitted, with all other effects in
     select_level: float = 0.05
@@ -24,9 +25,6 @@ class CriterionSettings:
     resamples_at_a_time: int = 100  # so that a long log's take some MB
     few_blocks: int = 12  # a bootstrap of so few is too sure of itself
     block_times: int = 2  # a block lasts so many autocorrelation times of the residual
-
-
-SETTINGS = CriterionSettings()
 
 
 @dataclass(frozen=True)

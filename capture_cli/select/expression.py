@@ -14,6 +14,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._kernel import Companion, number
 from capture_cli.model.effects._scales import HINGE, SLIDE, characteristic_force, characteristic_speed, travel
 from capture_cli.model.effects.base import Effect
@@ -25,14 +26,11 @@ from capture_cli.model.world import World
 NAME = "expression"
 
 
-@dataclass(frozen=True)
-class ExpressionSettings:
+@frozen
+class SETTINGS:
     # a motion may use a small part of a joint's travel and speed, and a term must still be able to matter
     room: float = 30.0
     rest: float = 0.02  # of a joint's characteristic speed: where the sign of a velocity is rounded off
-
-
-SETTINGS = ExpressionSettings()
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.fit import Fit, least, thinned
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
@@ -19,15 +20,12 @@ from capture_cli.select.score import similarity
 from capture_cli.select.score_checkpoint import kept_scores
 
 
-@dataclass(frozen=True)
-class ForwardRoundSettings:
+@frozen
+class SETTINGS:
     # other candidates that an accepted effect is compared with once everything else is in the model
     rivals: int = 4
     # cosine of responses beyond which a candidate that was not fitted may still be a rival
     similar: float = 0.97
-
-
-SETTINGS = ForwardRoundSettings()
 
 
 # Before it is said that nothing explains the log, the next best are fitted, as often as there are pairs here: those of

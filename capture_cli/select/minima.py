@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
@@ -17,16 +17,13 @@ from capture_cli.estimate.solve.base import Best
 from capture_cli.estimate.solve.intervals import unit_covariance
 
 
-@dataclass(frozen=True)
-class MinimaSettings:
+@frozen
+class SETTINGS:
     # descents to see whether there are other minima, and how far off, in sd
     begun_anew: int = 3
     begun_away: float = 3.0
     # sd: a descent that ends as near as this to where another ended has come back to it
     returned: float = 0.5
-
-
-SETTINGS = MinimaSettings()
 
 
 def minima(fits: ModelFits, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.fit import Fit, least
@@ -26,8 +27,8 @@ BETTER, TIED = "better", "tied with {mine}: this log cannot tell them apart"
 WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"
 
 
-@dataclass(frozen=True)
-class ComparisonSettings:
+@frozen
+class SETTINGS:
     again_rounds: int = 20  # in which a model without an effect is to get where it got with it
     indistinct: float = 0.05  # two models are tied where the paired test between them is not below this
     # of twice the log likelihood, two sd: of less no difference is made, however steady it is
@@ -43,7 +44,6 @@ class ComparisonSettings:
     same_here: float = 0.999
 
 
-SETTINGS = ComparisonSettings()
 _NOT_MADE = object()
 
 

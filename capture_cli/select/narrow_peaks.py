@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -17,17 +17,14 @@ from capture_cli.select.pulses import NAME, PulseResponse, Pulses
 from capture_cli.simulate.simulator import Motion
 
 
-@dataclass(frozen=True)
-class NarrowPeaksSettings:
+@frozen
+class SETTINGS:
     peaks: int = 3  # values that are simulated
     # values that are judged: in a log of over 400 s the peaks of fast forces can fall between them
     most: int = 16384
     pulse: float = 0.1  # of the joint's characteristic force
     samples: int = 4  # of a force in each pulse
     at_once: int = 1 << 24  # numbers in memory
-
-
-SETTINGS = NarrowPeaksSettings()
 
 
 class NarrowPeaks:

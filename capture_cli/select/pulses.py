@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve.linearization import Linearization
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.parameters import Parameter
@@ -18,14 +19,11 @@ from capture_cli.model.world import Force, World
 NAME = "pulses"
 
 
-@dataclass(frozen=True)
-class PulsesSettings:
+@frozen
+class SETTINGS:
     per_period: int = 4  # pulses in the shortest period asked for
     most: int = 64  # pulses in a window; a longer window resolves slower forces only
     resolved: float = 0.45  # periods per pulse up to which pulses can follow a force
-
-
-SETTINGS = PulsesSettings()
 
 
 class Pulses(JointEffect):

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.solve.intervals import intervals
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.model_comparison import ModelComparison
 
 
-@dataclass(frozen=True)
-class RejectionSettings:
+@frozen
+class SETTINGS:
     # Of the squared error above the noise floor: an effect that takes less away corrects a model that is
     # wrong otherwise
     material: float = 0.1
     # Of a range. A result file says "at its bound" from AT_BOUND on; but a descent gives up where its trust
     # region is this small, and an effect that ends so near to where its range does is drawn there.
     near_bound: float = 1e-3
-
-
-SETTINGS = RejectionSettings()
 
 
 def implausible(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:

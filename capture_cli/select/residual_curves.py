@@ -7,19 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.noise.autocorrelation import in_order, own_samples
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.model.tasks.base import Channel
 
 
-@dataclass(frozen=True)
-class ResidualCurvesSettings:
+@frozen
+class SETTINGS:
     bins: int = 24
     half_width: int = 8  # samples on either side of the local quadratic that differentiates the residual
-
-
-SETTINGS = ResidualCurvesSettings()
 
 
 @dataclass(frozen=True)

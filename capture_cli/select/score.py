@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve.linearization import Linearization, held_step
 from capture_cli.model.parameters import SETTINGS as PARAMETERS
 
 
-@dataclass(frozen=True)
-class ScoreSettings:
+@frozen
+class SETTINGS:
     step: float = 0.3  # of each parameter's range: how far the linear step may go
-
-
-SETTINGS = ScoreSettings()
 
 
 @dataclass(frozen=True)

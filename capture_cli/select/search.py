@@ -12,6 +12,7 @@ from itertools import takewhile
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import OutOfTime
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.fit import Fit
@@ -33,8 +34,8 @@ from capture_cli.select.rejection import implausible
 from capture_cli.select.score import Score
 
 
-@dataclass(frozen=True)
-class SearchSettings:
+@frozen
+class SETTINGS:
     most_effects: int = 6
     # Of what the declared model leaves above the noise floor: one that takes less is minor. A model that is wrong in a
     # way that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one
@@ -46,7 +47,6 @@ class SearchSettings:
     )
 
 
-SETTINGS = SearchSettings()
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
 STEPS_AS_WELL = "{mine} does as well, and so do steps of this length"
 

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.model.tasks.base import Channel, Task
 
 
-@dataclass(frozen=True)
-class MultisineSettings:
+@frozen
+class SETTINGS:
     lines: int = 12  # sines of a multisine
     fade: float = 0.5  # s
     band: tuple[float, float] = (0.1, 3.0)  # Hz, of a multisine unless told otherwise
-
-
-SETTINGS = MultisineSettings()
 
 
 def multisine(

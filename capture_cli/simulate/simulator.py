@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.log.input_sequences import CachedSequences, InputSequences
 from capture_cli.log.reported_motion import ReportedMotion
 from capture_cli.log.windows import Windows, at_times
@@ -21,16 +22,13 @@ from capture_cli.model.world import Force
 from capture_cli.simulate.engine import Engine, Keep, Rollouts
 
 
-@dataclass(frozen=True)
-class SimulatorSettings:
+@frozen
+class SETTINGS:
     episodes: int = 1024  # simulated at once: bounds the memory that recorded sensors take
     sequence_bytes: int = 64 << 20  # of controls of one call, of which effects make several copies
     sensor_bytes: int = 64 << 20  # of outputs of one call, which are interpolated in several copies
     shows: float = 0.25  # of an effect's memory: the rest is for the last digits
     length_ratio: float = 1.2  # windows within this ratio of lengths are stepped together
-
-
-SETTINGS = SimulatorSettings()
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.progress import Progress
 from capture_cli.estimate.log_balance import balanced_point
 from capture_cli.estimate.log_requirements import check_parameters_move_outputs
@@ -48,12 +49,9 @@ from capture_cli.store.output import new_directory, refuse_existing
 from capture_cli.store.provenance import Provenance
 
 
-@dataclass(frozen=True)
-class IdentifySettings:
+@frozen
+class SETTINGS:
     steps: int = 5  # the log, checks, the fit, what is left open about it, errors
-
-
-SETTINGS = IdentifySettings()
 
 
 NEEDED_LAST = ("scipy.special", "capture_cli.report.figures")

@@ -13,6 +13,7 @@ import numpy as np
 
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.documents import resolved
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import with_unit
 from capture_cli.errors import LogError
 from capture_cli.estimate.log_requirements import check_fits
@@ -34,8 +35,8 @@ from capture_cli.store.provenance import Provenance
 from capture_cli.store.writer_lock import only_writer
 
 
-@dataclass(frozen=True)
-class ImportLogSettings:
+@frozen
+class SETTINGS:
     least_steps: int = 2  # of an episode
     largest_plain: float = 1e16  # that Python writes without an exponent
     most_named: int = 6  # columns with holes
@@ -44,9 +45,6 @@ class ImportLogSettings:
     mostly_still: float = 0.6  # of the rows have the time of the row before: it is written too coarsely
     coarse_time: float = 1e-4  # s: no times that a log needs are closer
     many_missing: float = 0.2  # of a column's values: hardly an accident
-
-
-SETTINGS = ImportLogSettings()
 
 
 @takes_options

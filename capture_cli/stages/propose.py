@@ -5,12 +5,12 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError
 from capture_cli.estimate.initial_states.from_outputs import model_starts
@@ -43,12 +43,9 @@ from capture_cli.store.proposal import FORMAT, VERSION, ProposalRecord
 from capture_cli.store.result import read_provenance
 
 
-@dataclass(frozen=True)
-class ProposeSettings:
+@frozen
+class SETTINGS:
     strongest: int = 2  # of a band: multisines whose information is compared
-
-
-SETTINGS = ProposeSettings()
 
 
 @takes_options

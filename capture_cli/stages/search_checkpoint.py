@@ -7,13 +7,13 @@ import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from capture_cli.common.documents import parse_json, read_json
+from capture_cli.common.frozen import frozen
 from capture_cli.context.checkpoints.training_state import check_recipe
 from capture_cli.errors import FitError, StoreError
 from capture_cli.estimate.checkpoint import Checkpoint, Values
@@ -26,13 +26,10 @@ from capture_cli.store.tensors import read_arrays, save_arrays
 STEPS, RECIPE, NEW_RECIPE = "steps", "steps.json", "steps.json.new"  # of a run that is not complete
 
 
-@dataclass(frozen=True)
-class SearchCheckpointSettings:
+@frozen
+class SETTINGS:
     most: float = 2e9  # bytes, of all steps: of a log of a million rows one takes hundreds of megabytes
     short: int = 12  # characters of a hash in a message
-
-
-SETTINGS = SearchCheckpointSettings()
 
 
 OPTIONS = ("task", "test", "window", "starts", "seed")

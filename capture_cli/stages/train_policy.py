@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from capture_cli.common.extras import require
+from capture_cli.common.frozen import frozen
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.policy_checkpoint import read_policy, save_policy
 from capture_cli.context.checkpoints.training_state import (
@@ -37,17 +38,14 @@ from capture_cli.store.output import is_complete, refuse_inputs, resumable_direc
 from capture_cli.store.provenance import Provenance
 
 
-@dataclass(frozen=True)
-class TrainPolicySettings:
+@frozen
+class SETTINGS:
     evaluated: int = 200  # parameter sets of the evaluation curve, the same ones every time
     unseen: int = 500  # others, that the finished policy is judged on, and the random one
 
 
-SETTINGS = TrainPolicySettings()
-
-
-@dataclass(frozen=True)
-class MirrorSettings:
+@frozen
+class MIRROR:
     """episodes: that are seen in a mirror as well; differ: by how much of the reward, whose scale is 1, on average a
     machine may be worth something else there. A lag differs by rounding, a bias by much more.
     """
@@ -56,7 +54,6 @@ class MirrorSettings:
     differ: float = 1e-3
 
 
-MIRROR = MirrorSettings()
 TRIED, SAME = 64, 1e-9  # random episodes, and rewards, of 1 at most, that are one
 
 

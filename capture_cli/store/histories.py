@@ -11,13 +11,13 @@ import json
 import math
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from capture_cli.common.documents import exists
+from capture_cli.common.frozen import frozen
 from capture_cli.common.signals import uninterrupted
 from capture_cli.errors import StoreError
 from capture_cli.store.array_metadata import ArrayMetadata, array_metadata
@@ -37,13 +37,10 @@ from capture_cli.store.schema import ArraySpec, Schema
 from capture_cli.store.zarr_store import MAKE_AGAIN, ROOT, ZarrStore
 
 
-@dataclass(frozen=True)
-class HistoriesSettings:
+@frozen
+class SETTINGS:
     shard_pairs: int = 256  # the unit of work: at most so much is lost when a run is killed
     chunk_pairs: int = 64  # the unit of reading
-
-
-SETTINGS = HistoriesSettings()
 
 
 MARKS = "written"

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture_cli.common.documents import resolved
+from capture_cli.common.frozen import frozen
 from capture_cli.common.signals import uninterrupted
 from capture_cli.errors import Interrupted, OutputError, StoreError
 from capture_cli.store.writer_lock import only_writer
@@ -29,8 +30,8 @@ UNFINISHED = ".unfinished"
 PROVENANCE = "provenance.json"
 
 
-@dataclass(frozen=True)
-class OutputSettings:
+@frozen
+class SETTINGS:
     longest: int = 200  # characters of a path in a message
     # s, to remove a folder that something is still written into
     tries: int = 20
@@ -38,9 +39,6 @@ class OutputSettings:
     # AT_FDCWD and RENAME_EXCHANGE of renameat2
     here: int = -100
     exchanged: int = 2
-
-
-SETTINGS = OutputSettings()
 
 
 # What a file is by the end of its name, for whoever opens it.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +10,14 @@ import numpy as np
 
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.documents import check_file, open_file, parse_json
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import StoreError
 
 
-@dataclass(frozen=True)
-class TensorsSettings:
+@frozen
+class SETTINGS:
     length: int = 8  # bytes, little-endian, before the header: how many it has
     largest_weight: float = 1e4  # of a network that was trained; those that are shipped have none above 2
-
-
-SETTINGS = TensorsSettings()
 
 
 METADATA = "__metadata__"

@@ -7,13 +7,13 @@ import shlex
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from capture_cli.common.documents import exists, read_json, unreadable
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import StoreError
 from capture_cli.store.array_metadata import ArrayMetadata, array_metadata
 from capture_cli.store.document_shape import OBJECT, check_shape
@@ -24,8 +24,8 @@ ROOT, OLD_GROUP, OLD_ARRAY, OLD_ATTRIBUTES = "zarr.json", ".zgroup", ".zarray", 
 METADATA = (ROOT, OLD_GROUP, OLD_ARRAY, OLD_ATTRIBUTES, ".zmetadata")
 
 
-@dataclass(frozen=True)
-class ZarrStoreSettings:
+@frozen
+class SETTINGS:
     most: int = 500_000_000  # bytes: a million steps of sixty channels
     # bytes unpacked that few on disk may be: what comes next takes several times as much
     most_of_few: int = 100_000_000
@@ -37,9 +37,6 @@ class ZarrStoreSettings:
     room: int = 1 << 16  # bytes of a file besides its numbers
     # bytes: what unpacking takes besides the numbers themselves and a copy of them
     working_memory: int = 300_000_000
-
-
-SETTINGS = ZarrStoreSettings()
 
 
 class ZarrStore:

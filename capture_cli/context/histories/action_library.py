@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.estimate.initial_states.nominal_motion import nominal_motion
 from capture_cli.estimate.log_windows import clock
@@ -34,8 +35,8 @@ from capture_cli.simulate.multisine import (
 from capture_cli.store.histories import Histories
 
 
-@dataclass(frozen=True)
-class ActionLibrarySettings:
+@frozen
+class SETTINGS:
     points: int = 20
     most_pairs: int = 1024  # of histories, whose actions are taken
     # simulated for a library of multisines, and windows taken from each
@@ -45,9 +46,6 @@ class ActionLibrarySettings:
     beyond: float = 1.5  # sampling intervals: so much before its end a sequence's last sample may be
     # of a sequence: by less than this windows of uneven times may begin before the one before ends
     overlap: float = 0.1
-
-
-SETTINGS = ActionLibrarySettings()
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.context import observation_noise
 from capture_cli.context.policies.base import Policy
 from capture_cli.context.search.base import Search
@@ -16,12 +17,9 @@ from capture_cli.model.tasks.base import ActionTask
 from capture_cli.simulate.simulator import Simulator
 
 
-@dataclass(frozen=True)
-class HistoryRecipeSettings:
+@frozen
+class SETTINGS:
     attempts: int = 10  # at drawing a pair whose simulations do not diverge
-
-
-SETTINGS = HistoryRecipeSettings()
 
 
 Arrays = dict[str, np.ndarray]

@@ -7,22 +7,19 @@ import re
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 
+from capture_cli.common.frozen import frozen
 from capture_cli.context.histories.history_recipe import Recipe
 from capture_cli.errors import CaptureError, OptionError, StoreError
 from capture_cli.store.histories import HistoriesWriter
 
 
-@dataclass(frozen=True)
-class RayClusterSettings:
+@frozen
+class SETTINGS:
     retries: int = 5  # of a shard, where a node or a process was lost
     queued: int = 2  # shards submitted per processor of the cluster: more would only fill its scheduler
     reach: float = 5.0  # s, to answer at an address
-
-
-SETTINGS = RayClusterSettings()
 
 
 _HOST = re.compile(r"^(?:ray://)?(?P<host>[^/:]+):(?P<port>\d+)$")

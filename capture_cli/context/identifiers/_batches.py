@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.context.identifiers.base import ARRAYS, Rounds
 
 
-@dataclass(frozen=True)
-class BatchesSettings:
+@frozen
+class SETTINGS:
     block_pairs: int = 2048  # read at once
     pool_blocks: int = 8  # in memory at once: shuffled together
-
-
-SETTINGS = BatchesSettings()
 
 
 # the pairs [first, last) of the histories

@@ -19,11 +19,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve.linearization import box_step
 
 
-@dataclass(frozen=True)
-class CloudSettings:
+@frozen
+class SETTINGS:
     # Of a feature's scale: what is taken for noise at least, for a simulation is not smooth below
     roughness: float = 2e-4
     # Points of a cloud, for each coefficient of the regression; one of them new in each round
@@ -43,9 +44,6 @@ class CloudSettings:
     # of an output, its noise b
     least_share: float = 1e-3
     most_share: float = 2.0
-
-
-SETTINGS = CloudSettings()
 
 
 # (pair, rounds, x (p,)), ... -> what each would show, (round, d)

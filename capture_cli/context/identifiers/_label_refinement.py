@@ -11,26 +11,23 @@ them too would count them twice, and be as sure of a wrong one as of a right one
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import NORMAL_QUANTILE
 from capture_cli.context.identifiers._learned import Prediction
 from capture_cli.context.identifiers.base import Rounds, Signature, Simulate, finite
 
 
-@dataclass(frozen=True)
-class LabelRefinementSettings:
+@frozen
+class SETTINGS:
     values: int = 257  # of the parameter, in all its range
     labels: int = 3
     negligible: float = 1e-3  # share of the posterior, in all, that is not looked at
     as_good: float = 1 - 1e-9  # stretches that hold this much of the most are as good
     covered: float = 0.95
     halvings: int = 20  # of the range, until an interval is known
-
-
-SETTINGS = LabelRefinementSettings()
 
 
 # how often a measured label is wrong, and how likely that is beforehand: as like as not, never

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.context.identifiers._cloud import SETTINGS as CLOUD
 from capture_cli.context.identifiers._cloud import Cloud, improve
 from capture_cli.context.identifiers._learned import Prediction
@@ -23,8 +24,8 @@ from capture_cli.context.identifiers.base import Rounds, Signature, Simulate, fi
 from capture_cli.estimate.solve.linearization import box_step
 
 
-@dataclass(frozen=True)
-class RefinementSettings:
+@frozen
+class SETTINGS:
     shortest_step: float = 1e-3  # of the range, a finite difference; longer where the task says so
     no_sensitivity: float = 1e-9  # of a feature's scale over the range: rounding
     floor: float = 3e-5  # of a feature's scale: residuals below this are no residuals
@@ -49,9 +50,6 @@ class RefinementSettings:
     good_gain: float = 0.75
     largest_sd: float = 0.5  # of the range, of a prior
     tails: float = 3.0  # degrees of freedom of a prior: sure of itself, it may still be wrong
-
-
-SETTINGS = RefinementSettings()
 
 
 @dataclass

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.named_arrays import by_part
 from capture_cli.common.quantities import NORMAL_QUANTILE
 from capture_cli.context.identifiers._batches import Batches, Place, Read, windows
@@ -32,8 +33,8 @@ from capture_cli.context.identifiers.base import Rounds, Signature
 from capture_cli.errors import FitError
 
 
-@dataclass(frozen=True)
-class TrainingSettings:
+@frozen
+class SETTINGS:
     clip: float = 1.0  # norm of the gradient
     spread_weight: float = 0.01  # of its likelihood beside the squared error
     betas: tuple[float, float] = (0.9, 0.95)
@@ -43,9 +44,6 @@ class TrainingSettings:
     evaluation_batch: int = 512
     covered: float = 0.95  # of the truths, by 1.96 standard deviations
     smallest_factor: float = 0.01  # a few pairs may be hit exactly, which promises nothing
-
-
-SETTINGS = TrainingSettings()
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.context.identifiers.base import RoundIdentifier
 
 
-@dataclass(frozen=True)
-class CompassSettings:
+@frozen
+class SETTINGS:
     """fit_steps, fit_rate: of the network, each round; 1,000 is where it has converged: on 20 pairs of air hockey the
     error after ten rounds is 0.068 of the range at 200, 0.026 at 1,000, 0.031 at 3,000; of scooping 0.010, 0.009 and,
     overfitted, 0.054. descent_steps, descent_rate: of the parameters, in the unit
@@ -37,9 +38,6 @@ class CompassSettings:
     first_spread: float = 0.2
     shrink: float = 0.9
     last_spread: float = 0.02
-
-
-SETTINGS = CompassSettings()
 
 
 class Compass(RoundIdentifier):

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.context.identifiers.base import RoundIdentifier, finite
 from capture_cli.estimate.solve.base import Identifier
 from capture_cli.estimate.solve.linearization import Evidence, Trial
 
 
-@dataclass(frozen=True)
-class RefittedSettings:
+@frozen
+class SETTINGS:
     weight_sd: float = 1e-3  # of a feature's scale: what weighs features against each other
     effort: int = 20  # ask / tell of the fit in a round, at most
     remembered: int = 10  # rounds that are fitted: more cost more, and ten actions tell what can be told
     screened_rounds: int = 2  # first rounds, in which a fit begins at several places
-
-
-SETTINGS = RefittedSettings()
 
 
 class Refitted(RoundIdentifier):

@@ -6,23 +6,20 @@ Trained by `capture_cli.context.policies._sac_training`; acting needs numpy only
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 from statistics import mode
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.named_arrays import check_shapes
 from capture_cli.context.policies.base import Policy, Trainer
 from capture_cli.model.effects.ranges import NO_EFFECTS
 
 
-@dataclass(frozen=True)
-class SacSettings:
+@frozen
+class SETTINGS:
     block: int = 1024  # rows at once: bounds memory
-
-
-SETTINGS = SacSettings()
 
 
 class Sac(Policy):

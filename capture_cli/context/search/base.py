@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class BaseSettings:
+
+@frozen
+class SETTINGS:
     alpha: float = 5.0  # shape of the symmetric Beta; 5 keeps samples off the bracket's ends
-
-
-SETTINGS = BaseSettings()
 
 
 class Search(ABC):

@@ -6,12 +6,12 @@ The model of the plant is part of the scene as it stands, and stepped with its o
 from __future__ import annotations
 
 # patches robosuite, and says so where it is missing: before anything of it is imported
+from capture_cli.common.frozen import frozen
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 
 # isort: split
 import xml.etree.ElementTree as ElementTree
 from abc import abstractmethod
-from dataclasses import dataclass
 
 import numpy as np
 from robosuite.environments.manipulation.manipulation_env import ManipulationEnv
@@ -26,12 +26,9 @@ from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.model.tasks.base import ActionTask
 
 
-@dataclass(frozen=True)
-class SceneSettings:
+@frozen
+class SETTINGS:
     table_top: float = 0.8  # m
-
-
-SETTINGS = SceneSettings()
 
 
 DRIVERS = ("arm", "servos")

@@ -10,12 +10,12 @@ the scene as it stands, and stepped with its options, so that a mallet that move
 from __future__ import annotations
 
 # patches robosuite, and says so where it is missing: before anything of it is imported
+from capture_cli.common.frozen import frozen
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 
 # isort: split
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import gymnasium
 import mujoco
@@ -29,14 +29,11 @@ from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks.air_hockey import AirHockey
 
 
-@dataclass(frozen=True)
-class AirHockeySettings:
+@frozen
+class SETTINGS:
     rink: tuple[float, ...] = (0.12, 0.0, 0.05)  # m, of the plant's origin from the middle of the table's top
     # m, that one action can send the hand away at most: the stroke is ahead of the arm by less
     reach: float = 0.15
-
-
-SETTINGS = AirHockeySettings()
 
 
 class TableAirHockey(Scene):

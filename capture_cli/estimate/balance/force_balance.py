@@ -26,6 +26,7 @@ from mujoco import batch
 from scipy.interpolate import CubicSpline
 from scipy.special import erf
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.recorded_world import AT_JOINTS, RecordedWorld
 from capture_cli.estimate.balance.resting import mass_matrix
@@ -38,8 +39,8 @@ from capture_cli.model.mujoco_warnings import silence_mujoco
 from capture_cli.model.world import APPLIED, World
 
 
-@dataclass(frozen=True)
-class BalanceSettings:
+@frozen
+class SETTINGS:
     """step: of a parameter's range, in differences. touches: of the model's extent, nearer than which bodies touch, for
     a stiff contact chatters. none: standard deviations of a velocity, below which it may be none. resting: half periods
     of the fastest motion that is smoothed, for which it is then at rest: a turning point is shorter.
@@ -51,7 +52,6 @@ class BalanceSettings:
     resting: float = 2.0
 
 
-SETTINGS = BalanceSettings()
 # A step works out a from the velocity that it begins with, and q(t+h) - 2 q(t) + q(t-h) is h^2 a(t): that velocity,
 # (q(t) - q(t-h)) / h, is the one at t - h / 2. What the integrator takes implicitly has the velocity at its end.
 _INTEGRATOR = mujoco.mjtIntegrator

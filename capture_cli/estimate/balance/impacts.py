@@ -7,23 +7,21 @@ contact whose normal moves a measured coordinate is a force that the log does no
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class ImpactSettings:
+
+@frozen
+class SETTINGS:
     """near: standard deviations of a measured distance, within which bodies may touch. normal: m, or m per rad, that a
     coordinate moves along a normal, below which it does not.
     """
 
     near: float = 4.0
     normal: float = 1e-3
-
-
-SETTINGS = ImpactSettings()
 
 
 def impacts(

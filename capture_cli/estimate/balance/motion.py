@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from scipy.sparse import csr_array
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import LogError
 from capture_cli.estimate.balance.impacts import impacts
 from capture_cli.estimate.balance.resting import Resting, model_start, resting
@@ -23,8 +24,8 @@ from capture_cli.model.tasks.base import Task
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
-@dataclass(frozen=True)
-class MotionSettings:
+@frozen
+class SETTINGS:
     """finest: points in the shortest time in which the smoothed motion turns, pi over its cut-off frequency.
     most_points: of all stretches. fewest_turns: in a mean stretch: of what moves like a parabola a few accelerations
     are wanted, too. least_left: of the steps, between impacts: of less the balance would judge what it has not seen.
@@ -37,9 +38,6 @@ class MotionSettings:
     normal_median: float = 0.6745  # of the size of what is normally distributed, in standard deviations
     third_difference: float = 20.0  # variance of that of white noise, over the noise's
     tiny: float = 1e-12  # m or rad: the noise of a coordinate that is measured without any
-
-
-SETTINGS = MotionSettings()
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class RegressionSettings:
+
+@frozen
+class SETTINGS:
     tiny: float = 1e-300  # a sum of squares that is nothing
     rounding: float = 1e-12  # of a column's square: some times what double precision loses of it
-
-
-SETTINGS = RegressionSettings()
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,15 @@ import mujoco
 import numpy as np
 from mujoco import batch
 
+from capture_cli.common.frozen import frozen
 from capture_cli.log.arrays import Log
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.mujoco_warnings import silence_mujoco
 from capture_cli.model.tasks.base import Task
 
 
-@dataclass(frozen=True)
-class RestingSettings:
+@frozen
+class SETTINGS:
     """energy: of the mean kinetic energy of the log, below which what is carried along rests. mean: s, over which its
     velocity is taken, for on a stiff contact it chatters. lasts: s, before and after, for what swings turns back.
     """
@@ -27,9 +28,6 @@ class RestingSettings:
     energy: float = 1e-4
     mean: float = 0.05
     lasts: float = 0.5
-
-
-SETTINGS = RestingSettings()
 
 
 @dataclass(frozen=True)

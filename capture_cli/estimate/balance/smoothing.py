@@ -20,9 +20,11 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array, vstack
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class SmoothingSettings:
+
+@frozen
+class SETTINGS:
     """search: log10 of the smoothing parameter, in units of the sample interval^(2 `order`), from next to none to a
     parabola. at_once: sums that are filtered together: each reaches some knots, all reach many. far: by how many powers
     of e what is left out has fallen.
@@ -35,7 +37,6 @@ class SmoothingSettings:
     order: int = 3  # of the derivative whose square is penalised; a polynomial below it costs nothing
 
 
-SETTINGS = SmoothingSettings()
 FEWEST = 2 * SETTINGS.degree  # samples of a series that can be smoothed
 
 

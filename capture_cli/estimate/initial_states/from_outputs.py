@@ -14,6 +14,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.initial_states.local_motion import SETTINGS as LOCAL_MOTION
 from capture_cli.estimate.initial_states.local_motion import LocalMotion, Neighbours, local_motion
 from capture_cli.estimate.initial_states.rotations import rotations, turned
@@ -27,8 +28,8 @@ from capture_cli.model.states import Starts
 from capture_cli.simulate.engine import Rollouts
 
 
-@dataclass(frozen=True)
-class FromOutputsSettings:
+@frozen
+class SETTINGS:
     # The local fit uses samples that the window is fitted to as well, so it may not vote with its full weight twice.
     prior_inflation: float = 10.0
     lag_left: float = 0.02  # of the correction for the integrator's lag: higher orders of the timestep
@@ -36,9 +37,6 @@ class FromOutputsSettings:
     # another size
     unmeasured_motion: float = 3.0
     still: float = 1e-9  # m, rad, or per s: what moves less does not, but for rounding
-
-
-SETTINGS = FromOutputsSettings()
 
 
 @dataclass(frozen=True)

@@ -9,18 +9,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class LocalMotionSettings:
+
+@frozen
+class SETTINGS:
     half_widths: tuple[int, ...] = (4, 6, 9, 13, 19, 28, 40)  # samples on either side
     fewest: int = 6  # samples that a polynomial is fitted to
     acceptable_residual: float = 1.3  # variance of the local fit's residual over that of the noise
     unknown_slope_sd: float = 10.0  # per s, where there are too few samples to differentiate
     # intervals between samples that the nearest is away: nobody saw what the series did meanwhile
     far: float = 2.0
-
-
-SETTINGS = LocalMotionSettings()
 
 
 @dataclass(frozen=True)

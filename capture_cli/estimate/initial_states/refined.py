@@ -7,10 +7,10 @@ Without parameters the objective is a sum over windows that share nothing but k.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve.linearization import (
     Evidence,
     Linearization,
@@ -21,8 +21,8 @@ from capture_cli.estimate.solve.linearization import (
 )
 
 
-@dataclass(frozen=True)
-class RefinedSettings:
+@frozen
+class SETTINGS:
     rounds: int = 30
     patience: int = 2  # rounds
     damping_step: float = 10.0
@@ -37,9 +37,6 @@ class RefinedSettings:
     children: int = 48
     parents: int = 8
     nearer: float = 0.4
-
-
-SETTINGS = RefinedSettings()
 
 
 NO_PARAMETERS = np.zeros(0)

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.initial_states.local_motion import SETTINGS as LOCAL_MOTION
 from capture_cli.estimate.initial_states.local_motion import Neighbours
 
 MOST_TURNED = 0.75 * np.pi  # rad, that a rotation vector is believed up to
 
 
-@dataclass(frozen=True)
-class RotationsSettings:
+@frozen
+class SETTINGS:
     enough: int = 10  # samples up to there, to fit a polynomial to
     longer: float = 1.5  # times the interval before: a gap between samples
-
-
-SETTINGS = RotationsSettings()
 
 
 MOST_FOLLOWED = np.pi  # rad, that a body is followed from sample to sample, if that is fewest samples

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.noise.autocorrelation import autocorrelation_time
 from capture_cli.estimate.solve.linearization import Evidence, Linearization
 
 
-@dataclass(frozen=True)
-class LackOfFitSettings:
+@frozen
+class SETTINGS:
     # Error over the noise floor below which nobody would look for a missing effect: of all outputs, and of
     # one of them
     practical: float = 1.1
@@ -27,9 +28,6 @@ class LackOfFitSettings:
     # of the noise floor's own standard deviation, on top of its sampling error
     floor_uncertainty: float = 0.03
     z: float = 3.0  # one-sided, p = 0.0013
-
-
-SETTINGS = LackOfFitSettings()
 
 
 @dataclass(frozen=True)

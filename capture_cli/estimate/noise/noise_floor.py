@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.noise.repeats import SETTINGS as REPEATS
 from capture_cli.estimate.noise.repeats import SHORTEST, from_repeats, repeats
 from capture_cli.log.arrays import Log
@@ -24,13 +25,10 @@ from capture_cli.log.quantisation import scatter_of_steps
 from capture_cli.log.white_noise import from_differences, trimmed_sd
 
 
-@dataclass(frozen=True)
-class NoiseFloorSettings:
+@frozen
+class SETTINGS:
     smallest: float = 1e-7  # of the output's own standard deviation: floor for logs without noise
     rounding: float = 1e-12  # of the largest number: an output that changes by less is always the same
-
-
-SETTINGS = NoiseFloorSettings()
 
 
 @dataclass(frozen=True)

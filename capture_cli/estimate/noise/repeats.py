@@ -9,16 +9,16 @@ Hunter & Hunter, Statistics for Experimenters, 2nd ed., section 10.3). What is l
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve.linearization import Linearization
 
 
-@dataclass(frozen=True)
-class RepeatsSettings:
+@frozen
+class SETTINGS:
     first: int = 9  # samples that tell whether two starts are the same
     same: float = 5.0  # standard deviations of their difference
     degree: int = 3  # of the polynomial that a start's influence is within a block
@@ -26,9 +26,6 @@ class RepeatsSettings:
     rounding: float = 1e-9  # of the largest number: by so much starts may differ in any case
     # share of a row's noise that starts cannot take: with less the row says nothing
     left_of_a_row: float = 0.1
-
-
-SETTINGS = RepeatsSettings()
 
 
 SHORTEST = 2 * (SETTINGS.degree + 1)  # samples of such a block

@@ -15,6 +15,7 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
@@ -25,17 +26,14 @@ from capture_cli.log.white_noise import differences, trimmed_sd
 ORDERS = range(2, 7)  # of differences
 
 
-@dataclass(frozen=True)
-class TimeStampJitterSettings:
+@frozen
+class SETTINGS:
     settled: float = 1.25  # times, at most, the next order gives more or less: otherwise it is not white
     bins: int = 10  # by speed, each with as many differences
     fewest: int = 20  # differences in a bin
     sure: float = 5.0  # sd of the growth with the squared speed
     straight: float = 0.35  # of the variance in a bin is off the line, root mean square
     worth_a_word: float = 0.3  # of the variance of an output's noise
-
-
-SETTINGS = TimeStampJitterSettings()
 
 
 @dataclass(frozen=True)

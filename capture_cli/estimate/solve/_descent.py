@@ -5,10 +5,9 @@ Nocedal & Wright, Numerical Optimization, 2nd ed., sections 10.3 and 4.1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve.base import Best
 from capture_cli.estimate.solve.linearization import (
     Evidence,
@@ -21,8 +20,8 @@ from capture_cli.estimate.solve.linearization import (
 )
 
 
-@dataclass(frozen=True)
-class DescentSettings:
+@frozen
+class SETTINGS:
     radius: float = 0.25  # of the unit cube, the first trust region
     # step lengths tried at once after a step that failed
     shrink: tuple[float, ...] = (1.0, 0.25, 0.0625, 0.015625)
@@ -53,9 +52,6 @@ class DescentSettings:
     spoilt: float = 9.0
     runaway: float = 2.0
     let_go: float = 10.0  # a window's damping is so many times less after each step
-
-
-SETTINGS = DescentSettings()
 
 
 class Descent:

@@ -14,13 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve.base import Evaluate
 from capture_cli.estimate.solve.intervals import noise_along
 from capture_cli.estimate.solve.linearization import Linearization, Trial, columns, held_step
 
 
-@dataclass(frozen=True)
-class ProfileSettings:
+@frozen
+class SETTINGS:
     # windows (Kish's effective number) that next to all is from which is known of a parameter
     few: float = 2.0
     # Times as far as sensitivities say that the limit is: one that hangs is not excluded there, either
@@ -34,9 +35,6 @@ class ProfileSettings:
     # of the objective over k, or of what the error is beyond the limit: not worth a simulation
     little: float = 0.1
     hopeless: float = 100.0  # times what noise allows: not worth one until the place is tried from nearer
-
-
-SETTINGS = ProfileSettings()
 
 
 @dataclass(frozen=True)

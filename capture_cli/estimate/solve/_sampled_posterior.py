@@ -16,11 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve.linearization import Linearization, Trial, trial_objectives
 
 
-@dataclass(frozen=True)
-class SampledPosteriorSettings:
+@frozen
+class SETTINGS:
     known: float = 1.0  # free numbers, at most, that known starts amount to
     away: float = 2.0  # sd: where the error is compared with its parabola
     alike: float = 1.5  # times: by as much they may differ
@@ -36,9 +37,6 @@ class SampledPosteriorSettings:
     # steps of the temperature, and where they end
     cooler: float = 0.8
     coldest: float = 1e-3
-
-
-SETTINGS = SampledPosteriorSettings()
 
 
 # What trials show: outputs (candidate, window, step, output), and what diverged (candidate, window).

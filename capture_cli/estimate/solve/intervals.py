@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.noise.autocorrelation import (
     autocovariance,
     correlation_length,
@@ -30,8 +31,8 @@ from capture_cli.model.parameters import SETTINGS as PARAMETERS
 from capture_cli.model.parameters import ParameterSpace
 
 
-@dataclass(frozen=True)
-class IntervalsSettings:
+@frozen
+class SETTINGS:
     # Posterior sd beyond this share of the range: the 95 % interval spans two thirds of what was known before.
     undetermined_sd: float = 1 / 6
     far: float = 2.0  # of the residual's variance over that of the noise, times its correlation time
@@ -40,9 +41,6 @@ class IntervalsSettings:
     # at_bound of the range may be more than the parameter itself.
     clear_of_bound_sd: float = 3.0
     rounding: float = 1e-9  # of the range: what values at a bound are off it by
-
-
-SETTINGS = IntervalsSettings()
 
 
 @dataclass(frozen=True)

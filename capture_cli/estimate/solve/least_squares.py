@@ -10,21 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve._descent import Descent
 from capture_cli.estimate.solve.base import Best, Identifier
 from capture_cli.estimate.solve.linearization import Evidence, Known, Linearization, Trial
 
 
-@dataclass(frozen=True)
-class LeastSquaresSettings:
+@frozen
+class SETTINGS:
     screened_per_parameter: int = 8
     converged_gain: float = 3e-3  # decrease of the objective over k: a twentieth of a standard error
     hopeless: float = 2.0  # a descent whose error stays this many times the best known is given up
     patience: int = 5  # rounds before it is, where it does not even promise better
     long_patience: int = 15  # and where it does
-
-
-SETTINGS = LeastSquaresSettings()
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,13 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.noise.autocorrelation import autocorrelation_time
 from capture_cli.model.parameters import ParameterSpace
 
 
-@dataclass(frozen=True)
-class LinearizationSettings:
+@frozen
+class SETTINGS:
     # of the step of one-sided differences: central ones, of parameters that are confounded
     sharper: float = 0.1
     # Of the prior sd, within the limits below; the latter where bodies touch, and short differences are jumps
@@ -38,9 +39,6 @@ class LinearizationSettings:
     # Ranges: a parameter that is known to no better than this may show only by what finite differences are
     # wrong by, which would take it to the end of its range.
     insensitive: float = 10.0
-
-
-SETTINGS = LinearizationSettings()
 
 
 BY_WINDOW = ("offsets", "residual", "by_parameter", "by_start")  # arrays of a linearization, (window, ...)

@@ -17,13 +17,14 @@ from functools import cached_property
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve.intervals import SETTINGS as INTERVALS
 from capture_cli.estimate.solve.intervals import Intervals
 from capture_cli.model.parameters import ParameterSpace
 
 
-@dataclass(frozen=True)
-class UndeterminedSettings:
+@frozen
+class SETTINGS:
     confounded: float = 0.99  # correlation beyond which two parameters are known together only
     # of two values at least: what confounding leaves open; with less both are known well enough
     matters: float = 0.05
@@ -33,9 +34,6 @@ class UndeterminedSettings:
     alike: float = 0.1  # by which relative changes differ that are one factor
     rounding: float = 1e-13  # of the largest eigenvalue
     snap: float = 1e-9  # of the range: nearer to a bound a value is at it
-
-
-SETTINGS = UndeterminedSettings()
 
 
 NOTHING, RATIOS, PRODUCT, COMBINATION = "nothing", "ratios", "product", "combination"

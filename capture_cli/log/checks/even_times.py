@@ -6,21 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import LogError
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.white_noise import SETTINGS as WHITE_NOISE
 from capture_cli.log.white_noise import from_differences
 
 
-@dataclass(frozen=True)
-class EvenTimesSettings:
+@frozen
+class SETTINGS:
     fewest: int = 20  # steps of an episode whose interval can be told
     followed: float = 0.05  # of what a stamp is off: how fast the even times follow the stamps
     most_off: float = 0.4  # intervals, sd: beyond, nobody knows which sample is which
     smoother: float = 0.8  # of the noise by differences at the stamps
-
-
-SETTINGS = EvenTimesSettings()
 
 
 @dataclass(frozen=True)

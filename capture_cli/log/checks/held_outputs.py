@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import LogError
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.quantisation import distinct
 from capture_cli.model.tasks.base import Task
 
 
-@dataclass(frozen=True)
-class HeldOutputsSettings:
+@frozen
+class SETTINGS:
     fewest_runs: int = 20  # of equal values: fewer may be of one length by accident
     # of the runs, at least, are nearly of one length: those of a coarse sensor follow the speed
     regular: float = 0.9
@@ -22,9 +23,6 @@ class HeldOutputsSettings:
     slack: float = 0.1  # of that length, and a row at least, is what a clock of its own makes of a run
     one_step: float = 1.5  # steps: a change smaller than this is of one
     mostly: float = 0.5  # of the changes
-
-
-SETTINGS = HeldOutputsSettings()
 
 
 def rows_per_sample(values: np.ndarray, episodes: Sequence[slice]) -> float | None:

@@ -6,12 +6,12 @@ Severities: "error", the log cannot be used as it is; "warning", results will su
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import percent, with_unit
 from capture_cli.log.checks import in_order
 from capture_cli.log.checks.base import Finding, Inspected, finding
@@ -22,8 +22,8 @@ from capture_cli.model.tasks.base import Channel, Task
 from capture_cli.store.inspection import Inspection
 
 
-@dataclass(frozen=True)
-class LogFindingsSettings:
+@frozen
+class SETTINGS:
     uneven: float = 0.1  # sd of the interval, over its median
     saturated: float = 0.05  # share of the samples at exactly one extreme
     several_visits: int = 3  # a channel that returns to exactly the same extreme is held there by something
@@ -31,9 +31,6 @@ class LogFindingsSettings:
     many_levels: int = 10  # fewer are a switched signal, which is at its extremes by design
     mostly_at_rest: float = 0.5
     examples: int = 3
-
-
-SETTINGS = LogFindingsSettings()
 
 
 def log_findings(seen: Inspection, task: Task | None = None) -> list[Finding]:

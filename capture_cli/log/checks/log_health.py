@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.log.quantisation import distinct, grid_step
 from capture_cli.log.windows import SETTINGS as WINDOWS
 
 
-@dataclass(frozen=True)
-class LogHealthSettings:
+@frozen
+class SETTINGS:
     places_listed: int = 5
     neighbours: int = 3  # values next to an extreme
     at_rest: float = 0.01  # of an input's largest value: less is rest
@@ -34,9 +34,6 @@ class LogHealthSettings:
     spike_at_end: float = 3.0
     bounce: float = 2.5
     fewest_beside_end: int = 20  # samples that the end of an episode is compared with
-
-
-SETTINGS = LogHealthSettings()
 
 
 def timing(time: np.ndarray, usual: float | None = None) -> dict[str, Any]:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import date
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class TimeStampsSettings:
+
+@frozen
+class SETTINGS:
     second: int = 10**9  # ns
-
-
-SETTINGS = TimeStampsSettings()
 
 
 DAY = 86_400 * SETTINGS.second

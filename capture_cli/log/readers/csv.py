@@ -5,12 +5,12 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import LogError
 from capture_cli.log.readers._decimal_commas import NUMBER, WHOLE
 from capture_cli.log.readers.base import COMMENTS, DECIMAL_COMMAS, QUOTE, SourceFile, texts_of
@@ -18,15 +18,12 @@ from capture_cli.log.readers.base import COMMENTS, DECIMAL_COMMAS, QUOTE, Source
 DELIMITERS = ",;\t"
 
 
-@dataclass(frozen=True)
-class CsvSettings:
+@frozen
+class SETTINGS:
     longest_line: int = 2**20  # characters: a thousand columns take a hundredth
     tail: int = 2**16  # bytes at the end of a file, in which its last line is compared with those before
     fewest_above: int = 10  # lines that the last one is compared with
     first_rows: int = 1000  # lines of a file that are looked at to see whether all are alike
-
-
-SETTINGS = CsvSettings()
 
 
 csv.field_size_limit(SETTINGS.longest_line)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._joint_force import JointForce
 from capture_cli.model.effects._kernel import inputs
 from capture_cli.model.parameters import Parameter
 
 
-@dataclass(frozen=True)
-class PeriodicForceSettings:
+@frozen
+class SETTINGS:
     fastest: float = 20.0  # Hz
     peaks: float = 2.0  # shapes per width of a peak: over a span T the peaks of a spectrum are 1 / T wide
     # Of the range, in finite differences: a longer step turns the phase by radians, at the far end of a log or
@@ -20,9 +19,6 @@ class PeriodicForceSettings:
     shape_step: float = 1e-6
     # to a turn: teeth of a worm wheel; finer ones cost every log as many more shapes that may fit by chance
     finest: int = 150
-
-
-SETTINGS = PeriodicForceSettings()
 
 
 def wave(qpos, *, sine, cosine, period):

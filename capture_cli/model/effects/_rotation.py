@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class RotationSettings:
+
+@frozen
+class SETTINGS:
     largest_turn: float = 0.3  # rad, that a sensor may be off by
-
-
-SETTINGS = RotationSettings()
 
 
 def rotate(vectors: np.ndarray, rotation: np.ndarray) -> np.ndarray:

@@ -5,23 +5,21 @@ They set ranges, not values. A range has to hold the truth and should not be wid
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
+
 GRAVITY = 9.81  # m/s^2: friction comes with weight, also where the model, seen from above, has no gravity
 POSITION_ERROR = 0.3  # rad or m: the position error at which a servo is taken to give all it has
 
 
-@dataclass(frozen=True)
-class ScalesSettings:
+@frozen
+class SETTINGS:
     # rad a step, of the oscillation of what a joint moves on a spring that is simulated as a force
     stiffest: float = 0.5
-
-
-SETTINGS = ScalesSettings()
 
 
 TRUSTED_AUTHORITY = 10.0  # an actuator many times stronger than its load says nothing about friction

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.effects.base import Effect, spread
 from capture_cli.model.parameters import Parameter
 
 
-@dataclass(frozen=True)
-class VibrationSettings:
+@frozen
+class SETTINGS:
     # Hz
     slowest: float = 0.3
     fastest: float = 20.0
@@ -19,9 +18,6 @@ class VibrationSettings:
     swings: float = 0.5
     # How much farther it commonly swings, before a window begins, than what pushes it would push it once
     resonates: float = 4.0
-
-
-SETTINGS = VibrationSettings()
 
 
 class Vibration:

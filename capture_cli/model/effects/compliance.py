@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._scales import characteristic_force
 from capture_cli.model.effects._transmission import TransmissionEffect
 from capture_cli.model.effects._two_mass import TwoMass
@@ -14,14 +13,11 @@ from capture_cli.model.parameters import Parameter
 SLOWEST = 2 * np.pi * 2.0  # rad/s: a drive softer than 2 Hz is not a model error but another machine
 
 
-@dataclass(frozen=True)
-class ComplianceSettings:
+@frozen
+class SETTINGS:
     # Generalized-alpha (Chung and Hulbert 1993): second order, and of vibrations that the step cannot follow this
     # part is kept from one step to the next.
     kept: float = 0.3
-
-
-SETTINGS = ComplianceSettings()
 
 
 ALPHA_M, ALPHA_F = (2 * SETTINGS.kept - 1) / (SETTINGS.kept + 1), SETTINGS.kept / (SETTINGS.kept + 1)

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._contacts import ContactEffect
 from capture_cli.model.parameters import Parameter
 
 
-@dataclass(frozen=True)
-class ContactRestitutionSettings:
+@frozen
+class SETTINGS:
     # the second number of solref: damping ratio, or minus damping where it is in direct form
     damping: int = 1
-
-
-SETTINGS = ContactRestitutionSettings()
 
 
 class ContactRestitution(ContactEffect):

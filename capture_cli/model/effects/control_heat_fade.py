@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.signal import lfilter
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._actuator_effect import ActuatorEffect, without_target
 from capture_cli.model.effects._fade import TIME_CONSTANT
 from capture_cli.model.effects.base import Driven, Recordings
 from capture_cli.model.parameters import Parameter
 
 
-@dataclass(frozen=True)
-class ControlHeatFadeSettings:
+@frozen
+class SETTINGS:
     # Of a control as large as the largest, held for ever; motors are rated for a fraction of that, and a
     # fifth of it is a twenty-fifth of the heat
     largest: float = 8.0
     most_before: float = 0.5
     most_recordings: int = 6  # that each have a heat of their own to begin with
     step: float = 0.02  # s, of the heat over a log: a twenty-fifth of the shortest time constant
-
-
-SETTINGS = ControlHeatFadeSettings()
 
 
 class HeatFade:

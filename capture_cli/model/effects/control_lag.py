@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect
 from capture_cli.model.effects._lag import Lag
 from capture_cli.model.parameters import Parameter
 
 
-@dataclass(frozen=True)
-class ControlLagSettings:
+@frozen
+class SETTINGS:
     forgotten: float = 20.0  # time constants, after which 2e-9 of a deviation is left
-
-
-SETTINGS = ControlLagSettings()
 
 
 class ControlLag(ControlTimeEffect):

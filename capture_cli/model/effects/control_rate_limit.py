@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._actuator_effect import UNIT, RememberingEffect
 from capture_cli.model.parameters import Parameter
 
 
-@dataclass(frozen=True)
-class ControlRateLimitSettings:
+@frozen
+class SETTINGS:
     slowest: float = 2.0  # s, from nothing to a full control
     full_change: float = 2.0  # full controls, from one end to the other
-
-
-SETTINGS = ControlRateLimitSettings()
 
 
 class RateLimit:

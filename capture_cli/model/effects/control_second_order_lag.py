@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect
 from capture_cli.model.parameters import Parameter
 
 
-@dataclass(frozen=True)
-class ControlSecondOrderLagSettings:
+@frozen
+class SETTINGS:
     forgotten: float = 12.0  # times over which a deviation falls by e: 6e-6 of it is left
-
-
-SETTINGS = ControlSecondOrderLagSettings()
 
 
 class SecondOrderLag:

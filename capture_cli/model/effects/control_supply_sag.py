@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._actuator_effect import ActuatorEffect, without_target
 from capture_cli.model.effects._kernel import OWN_STEP, Companion, bound, call
 from capture_cli.model.effects._lag import Lag
@@ -15,13 +14,10 @@ from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.parameters import Parameter
 
 
-@dataclass(frozen=True)
-class ControlSupplySagSettings:
+@frozen
+class SETTINGS:
     largest: float = 0.6  # of a control, where all are the largest that they commonly are
     forgotten: float = 8.0  # time constants, after which 3e-4 of a load is left in the voltage
-
-
-SETTINGS = ControlSupplySagSettings()
 
 
 class Sagging:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.log.turning_points import SETTINGS as TURNING_POINTS
 from capture_cli.log.turning_points import WaysBefore
 from capture_cli.model.effects._followed_force import FollowedForce
@@ -22,8 +22,8 @@ from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
 
-@dataclass(frozen=True)
-class ServoIntegralSettings:
+@frozen
+class SETTINGS:
     fastest: float = 10.0  # 1/s, of ki over kp: with more, a servo that is damped as usual swings by itself
     usual: float = 0.3  # s, for which an error lasts, of which no log says how long it did
     # s, of kp over ki: what takes longer to take up a load is hardly told from a constant force
@@ -32,9 +32,6 @@ class ServoIntegralSettings:
     kept: int = 16  # integrals of a log's errors, the last ones: each gear that is tried has another
     least_limit: float = 1e-3  # of how far the integral of the error goes
     rounded: float = 1e-3  # of how far it commonly is from its mean: less is no way back
-
-
-SETTINGS = ServoIntegralSettings()
 
 
 BIAS, GEAR = "actuator_biasprm", "actuator_gear"

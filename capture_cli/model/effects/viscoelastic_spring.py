@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from scipy.signal import lfilter
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._followed_log import measured_stretches
 from capture_cli.model.effects._joint_force import ForceOfKernel
@@ -17,16 +17,13 @@ from capture_cli.model.effects._scales import free_inertia
 from capture_cli.model.parameters import Parameter
 
 
-@dataclass(frozen=True)
-class ViscoelasticSpringSettings:
+@frozen
+class SETTINGS:
     # steps of the log, or of the model, that relaxing takes: what is quicker is a damper
     quickest: float = 4.0
     slowest: float = 0.5  # of the longest episode: what is slower is an elastic spring
     forgotten: float = 5.0  # times the relaxation time: then nothing is left of what was before
     kept: int = 64  # relaxation times, the last ones tried, of which it is known where the spring would rest
-
-
-SETTINGS = ViscoelasticSpringSettings()
 
 
 class MaxwellElement:

@@ -12,11 +12,11 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
 from capture_cli import errors
+from capture_cli.common.frozen import frozen
 
 if sys.platform != "win32":
     import resource
@@ -25,13 +25,10 @@ if sys.platform != "win32":
 CAN_LIMIT = sys.platform == "linux"
 
 
-@dataclass(frozen=True)
-class LimitedProcessSettings:
+@frozen
+class SETTINGS:
     grace: int = 1  # s of CPU time after which a process is killed that does not end when it is told to
     piece: int = 1 << 20  # bytes that are read at once
-
-
-SETTINGS = LimitedProcessSettings()
 
 
 _DONE, _REFUSED, _FAILED = b"\0", b"\1", b"\2"  # what the first byte of an answer says

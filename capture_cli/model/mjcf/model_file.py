@@ -13,14 +13,15 @@ import mujoco
 import numpy as np
 
 from capture_cli.common.documents import open_file
+from capture_cli.common.frozen import frozen
 from capture_cli.errors import ModelError
 from capture_cli.model.mjcf.limited_process import CAN_LIMIT, Exceeded, limited
 from capture_cli.model.mjcf.mjcf_text import included, largest, refuse_bad_numbers
 from capture_cli.model.mujoco_warnings import silence_mujoco
 
 
-@dataclass(frozen=True)
-class ModelFileSettings:
+@frozen
+class SETTINGS:
     # The largest robots, with all their meshes, take a second and 0.3 GB.
     seconds: float = 15.0
     memory: int = 3 << 29  # bytes
@@ -29,9 +30,6 @@ class ModelFileSettings:
     shortest_step: float = 1e-6
     longest_step: float = 1.0
     slowest_step: float = 1.0  # s of a core; a fit takes a million steps
-
-
-SETTINGS = ModelFileSettings()
 
 
 MUJOCO_ERRORS = (

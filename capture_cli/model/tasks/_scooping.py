@@ -6,12 +6,12 @@ Lengths along the rod are in half-lengths (`half_length`): its centre of mass `c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, LogColumns
@@ -19,16 +19,13 @@ from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, LogColum
 MODEL = Path(__file__).with_name("scooping.xml")
 
 
-@dataclass(frozen=True)
-class ScoopingSettings:
+@frozen
+class SETTINGS:
     half_length: float = 0.08  # m
     lift: float = 0.032  # m, that the tines rise; 0.001 m of it until they touch
     lift_time: float = 0.4  # s
     # of the range: tilting begins between two steps, which makes outputs a little rough
     com_step: float = 0.01
-
-
-SETTINGS = ScoopingSettings()
 
 
 OUTPUT_UNITS = {"rod_tilt": "rad"}  # m otherwise

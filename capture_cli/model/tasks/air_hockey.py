@@ -8,12 +8,12 @@ the paper's table. The nearer to 0, the livelier: the coefficient of restitution
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, Feature, LogColumns
@@ -21,8 +21,8 @@ from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, Feature,
 MODEL = Path(__file__).with_suffix(".xml")
 
 
-@dataclass(frozen=True)
-class AirHockeySettings:
+@frozen
+class SETTINGS:
     friction: tuple[float, float] = (0.03, 0.07)  # Table I
     mallet_damping: tuple[float, float] = (-15.0, -3.0)
     wall_damping: tuple[float, float] = (-40.0, -3.0)
@@ -31,9 +31,6 @@ class AirHockeySettings:
     step: float = 0.03
     pause: float = 0.05  # s, before the stroke: a log then shows from where, and that nothing moved
     follow_through: float = 0.08  # m, of the mallet past the place where it meets the puck
-
-
-SETTINGS = AirHockeySettings()
 
 
 # Where the puck is to be when the episode ends, m, and how near counts. On a slippery table even the softest straight

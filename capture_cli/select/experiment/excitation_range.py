@@ -14,20 +14,18 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.model.object_names import object_name
 from capture_cli.model.quaternion_signs import is_quaternion
 from capture_cli.model.tasks.base import Task
 
 
-@dataclass(frozen=True)
-class ExcitationRangeSettings:
+@frozen
+class SETTINGS:
     margin: float = 0.5  # of the span that the log shows: what is no further beyond either end of it is near
     noise: float = 3.0  # sd, on top of that: of an output that stood still
     # of a joint's range: stops are springs, and what leans on one is a little beyond it
     stop_gives: float = 0.02
-
-
-SETTINGS = ExcitationRangeSettings()
 
 
 _S, _J = mujoco.mjtSensor, mujoco.mjtJoint

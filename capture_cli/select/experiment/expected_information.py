@@ -12,18 +12,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.linearization import Linearization, Trial, columns
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.simulate.simulator import Simulator
 
 
-@dataclass(frozen=True)
-class ExpectedInformationSettings:
+@frozen
+class SETTINGS:
     largest_step: float = 0.3  # of the range: how far from the estimate it is looked, where more is open
-
-
-SETTINGS = ExpectedInformationSettings()
 
 
 @dataclass(frozen=True)

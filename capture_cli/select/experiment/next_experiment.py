@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.estimate.model_fits import ModelFits
@@ -20,17 +21,14 @@ from capture_cli.simulate.multisine import multisine_sequence
 from capture_cli.simulate.simulator import Simulator
 
 
-@dataclass(frozen=True)
-class NextExperimentSettings:
+@frozen
+class SETTINGS:
     bands: tuple[tuple[float, ...], ...] = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
     duration: float = 3.0  # s
     rate: float = 250.0  # Hz
     enough: float = 3.0  # times the noise floor: a difference that a test will see
     chance: float = 2.0  # sd, over all samples together: of a smaller difference no test is sure
     shares: tuple[float, ...] = tuple(0.5**k for k in range(8))  # of the largest input in the log
-
-
-SETTINGS = NextExperimentSettings()
 
 
 def next_experiment(

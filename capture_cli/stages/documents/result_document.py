@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import bound, percent, scaled_unit, significant, with_unit
 from capture_cli.estimate.held_out import HeldOut
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit
@@ -29,12 +30,9 @@ from capture_cli.stages.documents.undetermined_document import undetermined_of
 from capture_cli.store.output import sha256
 
 
-@dataclass(frozen=True)
-class ResultDocumentSettings:
+@frozen
+class SETTINGS:
     most_named: int = 3  # parameters that a sentence says
-
-
-SETTINGS = ResultDocumentSettings()
 
 
 @dataclass(frozen=True)

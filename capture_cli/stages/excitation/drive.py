@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.estimate.initial_states.from_outputs import model_starts
@@ -25,13 +26,10 @@ from capture_cli.store.zarr_store import SETTINGS as ZARR_STORE
 from capture_cli.store.zarr_store import size
 
 
-@dataclass(frozen=True)
-class DriveSettings:
+@frozen
+class SETTINGS:
     duration: float = 10.0  # s, of an episode unless told otherwise
     action_rate: float = 100.0  # Hz, of the log of an action unless told otherwise
-
-
-SETTINGS = DriveSettings()
 
 
 BELIEFS = ("nominal", "random")

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
+from capture_cli.common.frozen import frozen
 from capture_cli.common.progress import Progress
 from capture_cli.context.identifiers.base import finite
 from capture_cli.estimate.difference_step import difference_step, hits_something
@@ -37,8 +38,8 @@ from capture_cli.stages.identification.in_context import InContext, LoggedRounds
 from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
 
 
-@dataclass(frozen=True)
-class EstimationSettings:
+@frozen
+class SETTINGS:
     # Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
     idle_rounds: int = 4
     # Away from the noise nothing is exact: the model is wrong. A descent is given up there where as many
@@ -62,9 +63,6 @@ class EstimationSettings:
     shows: float = 0.1
     better: int = 3  # times, at most, that a profile is gone on from
     judged_by: int = 3  # entries of the log, at most, that the estimates of all rounds are compared on
-
-
-SETTINGS = EstimationSettings()
 
 
 @dataclass

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import capture_cli
+from capture_cli.common.frozen import frozen
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.identifier_checkpoint import IdentifierCheckpoint
@@ -26,16 +27,13 @@ from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier
 
 
-@dataclass(frozen=True)
-class InContextSettings:
+@frozen
+class SETTINGS:
     rounds: int = 10  # over a log, unless told otherwise; fewer where it has fewer episodes
     # share of the training histories that lie as far out, below which a log is like none of them
     outside: float = 0.01
     # that proposal and fit differ so much by chance, all parameters together (Bonferroni)
     contradicts_p: float = 1e-3
-
-
-SETTINGS = InContextSettings()
 
 
 @dataclass(frozen=True)
