@@ -233,9 +233,9 @@ def simulated(monkeypatch) -> list[int]:
     counts = []
     own = Engine.rollout
 
-    def counted(engine, **asked):
+    def counted(engine, *asked, **how):
         before = engine.rollouts
-        done = own(engine, **asked)
+        done = own(engine, *asked, **how)
         counts.append(engine.rollouts - before)
         return done
 

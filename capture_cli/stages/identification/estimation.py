@@ -161,7 +161,9 @@ def by_physics(
         if idle:
             solver.rounds_left = 0
 
-    every = len(simulator.space), evidence.start_sd.shape[1]
+    told = {}
+    if known is not None and issubclass(descents.method, LeastSquares):
+        told["known"] = known.known_in(evidence, len(simulator.space), evidence.start_sd.shape[1])
     solver = descents.method(
         evidence,
         start=start,
@@ -169,7 +171,7 @@ def by_physics(
         rounds=rounds,
         starts=descents.starts,
         offsets=offsets,
-        known=known and known.known_in(evidence, *every),
+        **told,
     )
     progress.doing(f"{what}, round 1 of at most {rounds}")
     best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
