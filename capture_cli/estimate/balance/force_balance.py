@@ -24,9 +24,9 @@ import mujoco
 import numpy as np
 from mujoco import batch
 from scipy.interpolate import CubicSpline
-from scipy.special import erf
 
 from capture_cli.common.frozen import frozen
+from capture_cli.estimate.balance.dry_friction import dry_friction
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.recorded_world import AT_JOINTS, RecordedWorld
 from capture_cli.estimate.balance.resting import mass_matrix
@@ -108,12 +108,15 @@ class Points:
 
 @dataclass(frozen=True)
 class _WorkedOut:
-    """forces, and what they come from: what is `applied` but by contacts, the acceleration by that, which is `free`,
-    and by how much contacts `pushed`, (point, nv) each; how many contacts there are, (point,).
+    """forces, and what they come from: what is `applied` but by contacts, the dry friction in it, the inverse of the
+    inertia, (point, nv, nv), the acceleration by what is applied, which is `free`, and by how much contacts `pushed`,
+    (point, nv) each; how many contacts there are, (point,).
     """
 
     forces: Accelerations
     applied: np.ndarray
+    friction: np.ndarray
+    inverse_mass: np.ndarray
     free: np.ndarray
     pushed: np.ndarray
     contacts: np.ndarray
@@ -490,9 +493,7 @@ class ForceBalance:
     def _set(self, runner: batch.Batch, state: tuple[np.ndarray, ...], controls: np.ndarray) -> np.ndarray:
         """Work out forces as a step does: those that it sums, without dry friction, (point, nv)."""
         model, (qpos, qvel, qacc) = self.model, state
-        half = model.opt.timestep / 2
-        if int(model.opt.integrator) == mujoco.mjtIntegrator.mjINT_RK4:
-            half = 0.0
+        half = self._half
         smooth = runner.bind("qfrc_smooth")
         runner.bind("qpos")[...] = qpos
         if model.nu:
@@ -522,14 +523,17 @@ class ForceBalance:
             runner = self._runner(model)
         inertia, push, contacts = (runner.bind(name) for name in ("M", "qfrc_constraint", "ncon"))
         applied = self._set(runner, state, self.controls if controls is None else controls)
-        applied = applied - model.dof_frictionloss * self._sign(state[1])
+        loss = np.broadcast_to(model.dof_frictionloss, applied.shape)
+        inverse = self._inverse_mass(model, inertia)
+        friction = self._friction(model, inverse, applied, loss, state)
+        applied = applied + friction
         felt = self._holding(_felt(model, inertia))
         free = np.linalg.solve(felt, np.where(self.at_rest, state[2], applied)[..., None])[..., 0]
         pushed = np.zeros_like(free)
         if self.unshown.size:
             pushed = np.linalg.solve(felt, np.where(self.at_rest, 0.0, push)[..., None])[..., 0]
         forces = Accelerations(state[2], self._resting(free, pushed))
-        return _WorkedOut(forces, applied, free, pushed, contacts.copy())
+        return _WorkedOut(forces, applied, friction, inverse, free, pushed, contacts.copy())
 
     def _resting(self, free: np.ndarray, pushed: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
         """Accelerations (point, nv) of what moves by `free` without contacts, and is `pushed` by them as hard as keeps
@@ -580,20 +584,45 @@ class ForceBalance:
             found[own] = ((at < 0) | (at > time[part.stop - 1] - time[part.start])).any(axis=1)
         return found
 
+    @property
+    def _half(self) -> float:
+        """s, from the beginning of a step to the time of its acceleration."""
+        whole = int(self.model.opt.integrator) != mujoco.mjtIntegrator.mjINT_RK4
+        return whole * self.model.opt.timestep / 2
+
     @cached_property
     def _begins(self) -> np.ndarray:
         """Velocities that steps begin with, (point, nv)."""
-        whole = int(self.model.opt.integrator) != mujoco.mjtIntegrator.mjINT_RK4
-        return self.state[1] - whole * self.model.opt.timestep / 2 * self.state[2]
+        return self.state[1] - self._half * self.state[2]
 
     @cached_property
     def _plain(self) -> batch.Batch:
         """Simulations of the model as it is."""
         return self._runner(self._model)
 
-    def _sign(self, qvel: np.ndarray) -> np.ndarray:
-        """Expected sign of velocities that are known as well as the smoothed ones are, (point, nv)."""
-        return erf(qvel / (np.sqrt(2) * np.maximum(self.speed_sd, 1e-12)))
+    def _inverse_mass(
+        self, model: mujoco.MjModel, packed: np.ndarray, here: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
+        """What dry friction works against, (point, nv, nv), from mjData.M at the points `here`."""
+        return np.linalg.inv(self._holding(mass_matrix(model, packed), here))
+
+    def _friction(
+        self,
+        model: mujoco.MjModel,
+        inverse: np.ndarray,
+        applied: np.ndarray,
+        loss: np.ndarray,
+        state: tuple[np.ndarray, ...],
+        here: np.ndarray | slice = slice(None),
+    ) -> np.ndarray:
+        """Dry friction (point, nv) at the points `here` where forces are `applied` (point, nv) beside it.
+
+        What is at rest has none, and the acceleration that it has.
+        """
+        rest = self.at_rest[here]
+        begins = state[1] - self._half * state[2]
+        driven = np.where(rest, state[2], applied)
+        return dry_friction(model, inverse, driven, begins, self.speed_sd, np.where(rest, 0.0, loss))
 
     def _of_one_force(self, effect: Effect, values: np.ndarray) -> Accelerations:
         world, runner, smooth, inverse, base = self._world
@@ -608,16 +637,17 @@ class ForceBalance:
         )(world)
         model, (_, qvel, qacc) = self._model, self.state
         step = model.opt.timestep
-        friction = world.vary("dof_frictionloss") - model.dof_frictionloss
+        loss = world.vary("dof_frictionloss").copy()
         damping = world.vary("dof_damping") - model.dof_damping
-        acts = joint_force - friction * self._sign(qvel)
+        acts = joint_force.copy()
         if body_force.any() or world.has_varied(AT_JOINTS):
             joint_force[...] = 0.0
             inertia = runner.bind("M")
             runner.forward()
             acts = acts + smooth - base - damping * step * qacc
             if world.has_varied(AT_JOINTS):
-                acts = acts + self._null.applied
+                acts = acts + self._null.applied - self._null.friction
+                acts += self._friction(model, self._inverse_mass(model, inertia), acts, loss, self.state)
                 felt = self._holding(_felt(model, inertia))
                 predicted = np.linalg.solve(felt, np.where(self.at_rest, qacc, acts)[..., None])[..., 0]
                 self._restore()
@@ -627,7 +657,19 @@ class ForceBalance:
             self._restore()
         else:
             acts = acts - damping * (qvel + 0.5 * step * qacc)
+        acts += self._friction_changed(acts, loss)
         return Accelerations(np.zeros_like(qvel), (inverse @ acts[..., None])[..., 0])
+
+    def _friction_changed(
+        self, acts: np.ndarray, loss: np.ndarray, here: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
+        """By how much dry friction is other, (point, nv), where forces `acts` (point, nv) come in beside those of the
+        model, and frictionloss is `loss` (point, nv).
+        """
+        applied = (self._null.applied - self._null.friction)[here] + acts
+        state = tuple(s[here] for s in self.state)
+        found = self._friction(self._model, self._null.inverse_mass[here], applied, loss, state, here)
+        return found - self._null.friction[here]
 
     def _of_followed(self, effect: Effect, values: np.ndarray) -> list[Accelerations]:
         """Of forces that remember: they are led along the motion, all stretches and variants side by side."""
@@ -661,17 +703,20 @@ class ForceBalance:
         _, qvel, qacc = self.state
         world = RecordedWorld(self._model, self._recorded, index)
         applied, friction, damping = world.qfrc_applied, *(world.vary(name) for name in AT_JOINTS)
-        own_friction, own_damping = self._model.dof_frictionloss, self._model.dof_damping
-        sign, mean = self._sign(qvel), qvel + 0.5 * self._model.opt.timestep * qacc
+        own_damping, mean = self._model.dof_damping, qvel + 0.5 * self._model.opt.timestep * qacc
         acts = np.zeros((index.shape[1], len(index), self._model.nv))
+        loss = np.zeros_like(acts)
         for step, here in enumerate(index.T):
             world.go_to(step)
             force(world)
             if world.is_changed_elsewhere:
                 return None
-            acts[step] = (
-                applied - (friction - own_friction) * sign[here] - (damping - own_damping) * mean[here]
-            )
+            acts[step] = applied - (damping - own_damping) * mean[here]
+            loss[step] = friction
+        changed = self._friction_changed(
+            *(own.reshape(-1, self._model.nv) for own in (acts, loss)), index.T.ravel()
+        )
+        acts += changed.reshape(acts.shape)
         return (self.inverse_inertia[index.T] @ acts[..., None])[..., 0]
 
     def _recorded(self, name: str) -> np.ndarray:
@@ -709,9 +754,9 @@ class ForceBalance:
             before = smooth.copy()
             force(world)
             world.actuator_force = actuator_force
-            friction = world.vary("dof_frictionloss") - self._model.dof_frictionloss
+            loss = world.vary("dof_frictionloss").copy()
             damping = world.vary("dof_damping") - self._model.dof_damping
-            acts = -friction * self._sign(qvel[here])
+            acts = np.zeros_like(joint_force)
             if body_force.any() or world.has_varied(AT_JOINTS):
                 runner.forward()
                 acts = acts + smooth - before - damping * step * qacc[here]
@@ -719,13 +764,17 @@ class ForceBalance:
                     actuator_force.copy()
                 )  # as they gave it under this force, until it is asked again
                 if world.has_varied((*AT_JOINTS, *_OF_ACTUATORS)):
-                    acts = acts + self._null.applied[here]
+                    acts = acts + (self._null.applied - self._null.friction)[here]
+                    mass = self._inverse_mass(self._model, inertia, here)
+                    state = tuple(s[here] for s in self.state)
+                    acts += self._friction(self._model, mass, acts, loss, state, here)
                     felt = self._holding(_felt(self._model, inertia), here)
                     held = np.where(self.at_rest[here], qacc[here], acts)
                     changes[k] = np.linalg.solve(felt, held[..., None])[..., 0] - self.null.predicted[here]
                     continue
             else:
                 acts = acts + joint_force - damping * (qvel[here] + 0.5 * step * qacc[here])
+            acts += self._friction_changed(acts, loss, here)
             changes[k] = (self.inverse_inertia[here] @ acts[..., None])[..., 0]
         return changes
 

@@ -1,0 +1,83 @@
+"""Dry friction as MuJoCo has it: a soft constraint that holds a joint up to its frictionloss, and lets it creep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.special import ndtr
+
+
+@dataclass(frozen=True)
+class DryFrictionSettings:
+    """sweeps: over the joints, each of which holds against what the friction of the others leaves, at most; they end
+    where none changes by more than the share `settled` of its loss. impedance: as far as MuJoCo lets it be.
+    """
+
+    sweeps: int = 30
+    settled: float = 1e-3
+    impedance: tuple[float, float] = (1e-4, 0.9999)
+
+
+SETTINGS = DryFrictionSettings()
+
+
+def dry_friction(
+    model: mujoco.MjModel,
+    inverse: np.ndarray,
+    applied: np.ndarray,
+    velocity: np.ndarray,
+    velocity_sd: np.ndarray,
+    loss: np.ndarray,
+) -> np.ndarray:
+    """Generalised forces of friction (point, nv), the mean over velocities that are known with velocity_sd (nv,).
+
+    inverse (point, nv, nv): of the inertia; applied (point, nv): all other forces; loss (point, nv): frictionloss. With
+    A the diagonal of the inverse, R = (1 - d) / d times `dof_invweight0` and the reference acceleration -b v, each is
+
+        f = -(a + b v) / (A + R), no larger than its loss,
+
+    where a is the acceleration without it (MuJoCo, Computation: friction loss; d and b from solimp and solref).
+    """
+    force = np.zeros_like(applied)
+    moved = np.flatnonzero(np.broadcast_to(loss, applied.shape).any(axis=0))
+    if not moved.size:
+        return force
+    damping, softness = _reference(model)
+    loss = np.broadcast_to(loss, applied.shape)
+    acceleration = (inverse @ applied[..., None])[..., 0]
+    for _ in range(SETTINGS.sweeps if moved.size > 1 else 1):
+        before = force.copy()
+        for dof in moved:
+            own = inverse[:, dof, dof]
+            total = own + softness[dof]
+            without = acceleration[:, dof] - own * force[:, dof]
+            wanted = -(without + damping[dof] * velocity[:, dof]) / total
+            found = _limited(wanted, damping[dof] * velocity_sd[dof] / total, loss[:, dof])
+            acceleration += inverse[:, :, dof] * (found - force[:, dof])[:, None]
+            force[:, dof] = found
+        if (np.abs(force - before) <= SETTINGS.settled * loss).all():
+            break
+    return force
+
+
+def _reference(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """b, 1/s, and R, (nv,) each."""
+    least, most = (np.clip(model.dof_solimp[:, i], *SETTINGS.impedance) for i in range(2))
+    first, second = model.dof_solref.T
+    time = np.maximum(first, 2 * model.opt.timestep)
+    damping = np.where(first > 0, 2 / (most * np.where(first > 0, time, 1.0)), -second / most)
+    return damping, (1 - least) / least * model.dof_invweight0
+
+
+def _limited(mean: np.ndarray, sd: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """The mean of a normal number, cut off at +- limit: (point,) each."""
+    sd = np.maximum(sd, 1e-12 * np.maximum(limit, np.finfo(float).tiny))
+    low, high = (-limit - mean) / sd, (limit - mean) / sd
+    inside = mean * (ndtr(high) - ndtr(low)) + sd * (_density(low) - _density(high))
+    return inside + limit * (ndtr(-high) - ndtr(low))
+
+
+def _density(x: np.ndarray) -> np.ndarray:
+    return np.exp(-0.5 * np.square(np.clip(x, -40.0, 40.0))) / np.sqrt(2 * np.pi)
