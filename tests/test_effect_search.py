@@ -287,7 +287,7 @@ def test_what_is_missing_at_every_joint_is_found_at_once(tmp_path, monkeypatch, 
 def test_a_law_that_simulations_alone_tell_of_is_found_at_every_joint_in_one_round(
     tmp_path, monkeypatch, without_pages
 ):
-    """Friction that holds harder than MuJoCo's is no force that the balance knows."""
+    """Friction that holds harder than MuJoCo's shows where joints rest: the balance has no rows of that."""
     catalogue, few = attribution.all_candidates, ("friction-hardness", "coulomb-friction")
     monkeypatch.setattr(
         attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]

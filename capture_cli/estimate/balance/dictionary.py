@@ -107,7 +107,7 @@ def atoms(
     amplitudes = tuple(i for i, n in enumerate(space.names) if n not in effect.shapes)
     if not amplitudes or (effect.place == "force" and effect.reported):
         return  # of a force that moves its own sensors the reported motion is not the joint's
-    if _acts_unshown(balance, effect):
+    if effect.shows_at_rest or _acts_unshown(balance, effect):
         return
     if isinstance(effect, PeriodicForce):
         yield from _repeating(balance, placed, amplitudes, settings)

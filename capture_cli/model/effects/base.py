@@ -142,6 +142,7 @@ class Effect(ABC):
         well it does.
     narrow_shape: whether a score at null has peaks along its one shape that a handful of values would miss: those of a
         PeriodicForce are as narrow as one over the span of the log.
+    shows_at_rest: whether what it does shows where joints rest, of which the force balance has no rows.
     has_threshold: whether next to null it may do nothing, or next to nothing: a limit that little comes near.
     difference_step: the least share of a parameter's range that finite differences take where the effect is in the
         model; 0 where its motion does not jump at the smallest change.
@@ -174,6 +175,7 @@ class Effect(ABC):
     mixes: ClassVar[bool] = False
     vague_at_end: ClassVar[tuple[str, ...]] = ()
     narrow_shape: ClassVar[bool] = False
+    shows_at_rest: ClassVar[bool] = False
     has_threshold: ClassVar[bool] = False
     difference_step: ClassVar[float] = 0.0
     states: tuple[str, ...] = ()

@@ -17,6 +17,7 @@ class FrictionHardness(JointEffect):
 
     place = "model"
     summary = "dry friction holds and stops harder than modelled"
+    shows_at_rest = True
 
     @property
     def parameters(self):
