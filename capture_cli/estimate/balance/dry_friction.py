@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 from scipy.special import ndtr
 
+from capture_cli.common.frozen import frozen
 
-@dataclass(frozen=True)
-class DryFrictionSettings:
+
+@frozen
+class SETTINGS:
     """sweeps: over the joints, each of which holds against what the friction of the others leaves, at most; they end
     where none changes by more than the share `settled` of its loss. impedance: as far as MuJoCo lets it be.
     """
@@ -18,9 +18,6 @@ class DryFrictionSettings:
     sweeps: int = 30
     settled: float = 1e-3
     impedance: tuple[float, float] = (1e-4, 0.9999)
-
-
-SETTINGS = DryFrictionSettings()
 
 
 def dry_friction(
