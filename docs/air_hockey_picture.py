@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from capture_cli.context.worlds.air_hockey import TableAirHockey, strike
+from capture_cli.context.worlds.air_hockey import TableAirHockey
 
 PICTURE = Path(__file__).with_name("images") / "air_hockey.png"
 WIDTH, HEIGHT = 720, 480
@@ -19,7 +19,7 @@ ACTION = np.array([-0.25, -0.06, 0.0, 0.5])
 def main() -> None:
     """Strike a puck and look at where it is in the end."""
     environment = TableAirHockey(robots="Panda", parameters={}, mallet=ACTION[:2], control_freq=100)
-    strike(environment, ACTION)
+    environment.strike(ACTION)
     model, data = environment.sim.model._model, environment.sim.data._data
     model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
     camera, shown = mujoco.MjvCamera(), mujoco.MjvOption()

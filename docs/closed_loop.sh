@@ -5,8 +5,8 @@
 #   tiny: object scooping, whose arm goes 8 mm to the side of where it is told. A label says where to scoop whatever the
 #         arm does: the declared estimate is off by these 8 mm, and succeeds as often; the mended one is right
 #   full: table air hockey, whose arm follows its commands as late as the Panda does (docs/worlds.md)
-# The machine is the task's plant with an effect that no model declares, not the robosuite world: `eval-sim2sim` counts
-# errors and successes on many such machines, and simulates no other.
+# The machine is the task's plant with an effect that no model declares. With --world robosuite in the place of these
+# effects, in steps 2 and 7, it is the Panda itself, half a second of a core for each stroke.
 set -euo pipefail
 folder=$1 size=${2:-full}
 capture=${CAPTURE:-capture}

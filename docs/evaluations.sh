@@ -59,3 +59,12 @@ capture train-sysid --histories distance/histories.zarr --identifier expert-dist
 capture train-sysid --histories distance/histories.zarr --identifier tunenet --width 32 --layers 2 --heads 2 --steps 600 --batch 128 --out distance/sysid/tunenet
 capture train-sysid --histories distance/histories.zarr --identifier capture-refined --width 32 --layers 2 --heads 2 --steps 1000 --batch 128 --out distance/sysid/capture-refined
 capture eval-sim2sim --task scooping-distance --policy distance/policy --identifier domain-randomization --identifier distance/sysid/expert-distillation --identifier distance/sysid/tunenet --identifier distance/sysid/capture --identifier posterior=distance/sysid/capture-refined --identifier distance/sysid/capture-refined --out runs/evaluation/scooping-distance
+
+# In robosuite scenes, robot by robot.
+in_world() { # TASK ROBOT PAIRS OPTIONS
+  capture eval-sim2sim --task "$1" --world robosuite --robot "$2" --pairs "$3" --policy "runs/policies/$1" --identifier domain-randomization --identifier "runs/sysid/$1/expert-distillation" --identifier "runs/sysid/$1/tunenet" --identifier "runs/sysid/$1/capture-trajectory" "${@:4}" --identifier "runs/sysid/$1/capture-refined" --seeds 1 --rounds 9 --out "runs/evaluation/$1-world-${2,,}"
+}
+for robot in Panda UR5e Sawyer; do
+  in_world scooping $robot 20 --identifier posterior=runs/sysid/scooping/capture-refined
+  in_world air-hockey $robot 8
+done

@@ -540,8 +540,9 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
         "With `--suite` there is one of these in a folder for each comparison, and suite.json holds them all.",
         {
             "format": '"capture/evaluation"',
-            "version, task": "2 (of 1 `effects` is read as empty), and the name of the task",
+            "version, task": "4 (earlier ones are read), and the name of the task",
             "effects": "what the machines have beside the task's model; list as in capture/histories",
+            "world, robot": "where machines are played: plant or robosuite; and null, or by whom",
             "noise": "kind of noise in what identifiers were told was measured",
             "policy": "who chose the actions",
             "pairs": "pairs of a source and a hidden target, in each seed",
@@ -557,8 +558,8 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
         "What `capture record` made a log with, in a file of its own beside the log.",
         {
             "format": '"capture/truth"',
-            **_DOCUMENT,
-            "world": "what stood in for the machine: plant or robosuite",
+            "version, task": "2, and the name of the task",
+            "world, robot": "what stood in for the machine: plant or robosuite; and null, or its robot",
             "parameters.NAME": "the parameters",
             "effects.EFFECT@SITE.PARAMETER": "the effects",
             "noise_sd.OUTPUT": "standard deviation of the noise added",
@@ -836,6 +837,7 @@ PARTS: dict[str, dict[str, Callable[[], str]]] = {
     "docs/dev/evaluation.md": {
         "air hockey": measured_identifiers.air_hockey,
         "scooping": measured_identifiers.scooping,
+        "worlds": measured_identifiers.worlds,
     },
     "docs/in-context.md": {"goals": measured_identifiers.goals},
     "README.md": {"found": found, "tree": folders},

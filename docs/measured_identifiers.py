@@ -18,6 +18,7 @@ from capture_cli.store.evaluation import Evaluation
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "evaluation"
 ROUNDS = (1, 3, 5, 10, 20, 30)
 RATIO_ROUNDS = (10, 20, 30)
+WORLD_ROUNDS = (1, 3, 5, 7, 9)  # the paper's, on real robots
 BUDGETS = (10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # simulated rollouts
 OURS = "capture-refined"
 YARDSTICK = "domain-randomization"
@@ -74,14 +75,33 @@ def air_hockey() -> str:
 
 def scooping() -> str:
     """The part of that name."""
-    return "\n\n".join(_section(m, (successes, errors, pairs)) for m in _measured("scooping"))
+    return "\n\n".join(_section(m, (successes, pairs)) for m in _measured("scooping"))
 
 
-def _measured(task: str) -> list[Measured]:
-    """Of the task and of those that are named like it, where the code was noted."""
+def worlds() -> str:
+    """The part of that name: the paper's Tables III and IV, with robosuite's robots in place of real ones."""
+    tables = {
+        "air-hockey": (in_world_distances, in_world_gains),
+        "scooping": (in_world_successes,),
+    }
+    texts = []
+    for task, made in tables.items():
+        found = _measured(task, in_world=True)
+        texts += [_about_worlds(found), *(table(found) for table in made)] if found else []
+    return "\n\n".join(text for text in texts if text)
+
+
+def _measured(task: str, *, in_world: bool = False) -> list[Measured]:
+    """Of the task and of those that are named like it, where the code was noted; in the plant, or in another world."""
     named = sorted(p.parent.relative_to(RUNS).as_posix() for p in RUNS.rglob("evaluation.json"))
     found = [Measured.read(name) for name in named]
-    return [m for m in found if m.document["task"].startswith(task) and "code" in m.provenance]
+    return [
+        m
+        for m in found
+        if m.document["task"].startswith(task)
+        and "code" in m.provenance
+        and (m.document["robot"] is not None) == in_world
+    ]
 
 
 def _section(measured: Measured, tables: Iterable[Callable[[Measured], str]]) -> str:
@@ -110,11 +130,6 @@ def parameters(m: Measured) -> str:
     return _table(header, rows)
 
 
-def errors(m: Measured) -> str:
-    """Parameter difference where nothing is random: under label noise successes say it."""
-    return parameters(m) if m.document["noise"] == "none" else ""
-
-
 def ratios(m: Measured) -> str:
     """Trajectory difference over that of domain randomisation, the paper's in brackets."""
     shown = [n for n in RATIO_ROUNDS if n <= m.document["rounds"]] or [m.document["rounds"]]
@@ -141,6 +156,79 @@ def successes(m: Measured) -> str:
     return _table(["success", *map(str, m.rounds)], rows)
 
 
+def in_world_distances(found: list[Measured]) -> str:
+    """Trajectory difference by rounds, of each robot and in the paper."""
+    title = f"trajectory difference at {_said(WORLD_ROUNDS)}, m"
+    return _by_robot(title, found, lambda e: _shown(e["trajectory_difference"]), _paper_distances)
+
+
+def in_world_gains(found: list[Measured]) -> str:
+    """In the end over in the beginning, which all have in common; and success likewise."""
+    title = "the last over that before round 1; success then and at the end"
+    return _by_robot(title, found, _gain)
+
+
+def _gain(e: Mapping[str, Any]) -> str:
+    distances, successes = e["trajectory_difference"], e["success"]
+    return f"{_two(distances[-1] / distances[0])}; {successes[0]:.2f}, {successes[-1]:.2f}"
+
+
+def _about_worlds(found: list[Measured]) -> str:
+    """Counts and codes of what differs in the robot alone."""
+    counts = {(m.document["pairs"], m.document["rounds"]) for m in found}
+    links = [f"[{m.document['robot']}](../../runs/evaluation/{m.folder}/tables.md)" for m in found]
+    codes = sorted({m.provenance["code"][:12] for m in found})
+    said = " or ".join(f"{pairs} pairs, {rounds} rounds" for pairs, rounds in sorted(counts))
+    return f"{found[0].document['task']}, {', '.join(links)}: {said}; code {', '.join(codes)}."
+
+
+def in_world_successes(found: list[Measured]) -> str:
+    """Success by rounds, of each robot and in the paper."""
+    return _by_robot(
+        f"success at {_said(WORLD_ROUNDS)}", found, lambda e: _shown(e["success"]), _paper_successes(found)
+    )
+
+
+Paper = Callable[[Mapping[str, Any]], Mapping[int, float] | None]
+
+
+def _paper_distances(e: Mapping[str, Any]) -> dict[int, float] | None:
+    theirs = paper_numbers.trajectory_difference("air-hockey", "none", e, "robosuite")
+    return theirs and {number: mean for number, (mean, _) in theirs.items()}
+
+
+def _paper_successes(found: list[Measured]) -> Paper:
+    return lambda e: paper_numbers.success(found[0].document["task"], "none", e, "robosuite")
+
+
+def _by_robot(
+    title: str,
+    found: list[Measured],
+    cell: Callable[[Mapping[str, Any]], str],
+    paper: Paper = lambda e: None,
+) -> str:
+    """A row for each identifier, a column for each robot, and one for the paper's figures, where there are some."""
+    theirs = {label: paper(e) for m in found for label, e in m.rows.items()}
+    if of_paper := paper({"identifier": "capture"}):
+        theirs["capture"] = of_paper
+    with_paper = any(theirs.values())
+    rows = []
+    for label, figures in theirs.items():
+        cells = [cell(m.rows[label]) if label in m.rows else NONE for m in found]
+        beside = [", ".join(f"{figures[n]:.2f}" for n in WORLD_ROUNDS) if figures else NONE]
+        rows.append([label, *cells, *(beside if with_paper else [])])
+    robots = [m.document["robot"] for m in found]
+    return _table([title, *robots, *(["in the paper"] if with_paper else [])], rows)
+
+
+def _shown(by_round: list[float]) -> str:
+    return ", ".join(f"{by_round[n]:.2f}" for n in WORLD_ROUNDS if n < len(by_round))
+
+
+def _said(rounds: tuple[int, ...]) -> str:
+    return ", ".join(map(str, rounds))
+
+
 def budgets(m: Measured) -> str:
     """Parameter difference by what was simulated, of those that simulate by themselves: the budget curve."""
     spends = {k: e for k, e in m.rows.items() if e["simulated_rollouts"][1] > 1}
@@ -159,21 +247,16 @@ def _within(e: Mapping[str, Any], budget: int) -> str:
 
 
 def pairs(m: Measured) -> str:
-    """`capture-refined` against each other one, pair by pair, with the sign test."""
+    """`capture-refined` against each other one, pair by pair, with the sign test, in words."""
     others = {label: e["paired"] for label, e in m.rows.items() if e.get("paired")}
-    shown = [n for n in m.rounds if n <= PAIRED]
-    # where the end is beyond doubt the tables above say enough
-    compared = {label: c for label, c in others.items() if c["p"][shown[-1]] >= DOUBTFUL}
-    rows = []
-    for label, c in compared.items():
-        cells = [f"{c['nearer'][n]}/{c['as_near'][n]}/{c['further'][n]}, {_p(c['p'][n])}" for n in shown]
-        rows.append([label, *cells])
-    header = [f"`{OURS}` nearer / as near / further than, p", *map(str, shown)]
-    return _table(header, rows) if rows else ""
-
-
-def _p(p: float) -> str:
-    return "<0.001" if p < DOUBTFUL else f"{p:.2g}"
+    n = max(n for n in m.rounds if n <= PAIRED)
+    # where it is beyond doubt the tables above say enough
+    compared = {label: c for label, c in others.items() if c["p"][n] >= DOUBTFUL}
+    said = [
+        f"than {label} {c['nearer'][n]}/{c['as_near'][n]}/{c['further'][n]} (p {c['p'][n]:.2g})"
+        for label, c in compared.items()
+    ]
+    return f"At {n} `{OURS}` is nearer/as near/further {', '.join(said)}." if said else ""
 
 
 # --- the goals of docs/in-context.md ---

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 from PIL import Image
 
-from capture_cli.context.worlds.scooping import ObjectScooping, lift
+from capture_cli.context.worlds.scooping import ObjectScooping
 
 PICTURE = Path(__file__).with_name("images") / "scooping.png"
 WIDTH, HEIGHT = 720, 480
@@ -17,7 +17,7 @@ COLOURS = 256  # a quarter of the file
 def main() -> None:
     """Lift a rod in balance and look at it."""
     environment = ObjectScooping(robots="Panda", com=0.3, scoop_point=0.3, control_freq=100)
-    lift(environment)
+    environment.lift()
     model, data = environment.sim.model._model, environment.sim.data._data
     model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
     camera, shown = mujoco.MjvCamera(), mujoco.MjvOption()

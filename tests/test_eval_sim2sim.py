@@ -584,7 +584,8 @@ def test_an_evaluation_of_the_version_before_had_no_effects(tmp_path):
         path = tmp_path / "e" / name
         document = json.loads(path.read_text())
         inner = document.get("attributes", document)
-        assert (inner.pop("effects"), inner["version"]) == ([], 3)
+        assert (inner.pop("effects"), inner.pop("world"), inner.pop("robot")) == ([], "plant", None)
+        assert inner["version"] == 4
         inner["version"] = 1
         path.write_text(json.dumps(document))
     assert evaluate(**options, resume=True).document["effects"] == []
@@ -605,8 +606,8 @@ def test_an_evaluation_of_the_version_before_had_one_name_for_two_networks(folde
     evaluate(out=out, **options)
     for name in ("evaluation.json", "evaluation.zarr/zarr.json"):
         text = (out / name).read_text()
-        assert '"version": 3' in text
-        text = text.replace('"version": 3', '"version": 2').replace("capture-trajectory", "capture")
+        assert '"version": 4' in text
+        text = text.replace('"version": 4', '"version": 2').replace("capture-trajectory", "capture")
         (out / name).write_text(text)
     assert list(evaluate(out=out, resume=True, **options).document["identifiers"]) == ["capture-trajectory"]
 

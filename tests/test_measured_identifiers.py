@@ -47,7 +47,7 @@ def test_errors_are_those_of_the_last_round_that_a_budget_allows(measured):
 
 
 def test_probabilities_are_those_of_the_sign_test(measured):
-    assert measured_identifiers.pairs(measured).splitlines()[-1] == "| cma-es | 5/1/4, 0.75 |"
+    assert measured_identifiers.pairs(measured).endswith("further than cma-es 5/1/4 (p 0.75).")
     sure = {**measured.rows["cma-es"]["paired"], "p": [1.0, 1e-4, 1e-5]}
     rows = {**measured.rows, "cma-es": entry([0.3, 0.2, 0.123], [0, 147, 440], sure)}
     assert measured_identifiers.pairs(Measured("f", {**measured.document, "identifiers": rows}, {})) == ""
@@ -74,3 +74,29 @@ def test_rows_of_other_code_are_left_out(tmp_path, monkeypatch):
     assert measured_identifiers._measured("t") == []
     (tmp_path / "e" / "provenance.json").write_text(json.dumps({"code": "0", **made}))
     assert [m.folder for m in measured_identifiers._measured("t")] == ["e"]
+
+
+def test_robots_stand_side_by_side_with_the_paper(monkeypatch):
+    def of(robot: str, shares: list[float]) -> Measured:
+        rows = {
+            "tunenet": {**entry([0.4, 0.2], [0, 1]), "identifier": "tunenet", "success": shares},
+            "posterior": {**entry([0.4, 0.1], [0, 1]), "identifier": "posterior", "success": shares},
+        }
+        document = {"task": "scooping", "pairs": 4, "rounds": 1, "robot": robot, "identifiers": rows}
+        return Measured(robot.lower(), document, {"code": "0123456789abcdef"})
+
+    found = [of("Panda", [0.0, 0.5]), of("UR5e", [0.25, 1.0])]
+    header, _, *rows = measured_identifiers.in_world_successes(found).splitlines()
+    assert header == "| success at 1, 3, 5, 7, 9 | Panda | UR5e | in the paper |"
+    assert rows[0] == "| tunenet | 0.50 | 1.00 | 0.30, 0.63, 0.60, 0.40, 0.30 |"
+    assert rows[1] == "| posterior | 0.50 | 1.00 |  |" and rows[2].startswith("| capture |  |  | 0.20, 0.57")
+    gains = measured_identifiers.in_world_gains(found).splitlines()
+    assert gains[2] == "| tunenet | 0.5; 0.00, 0.50 | 0.5; 0.25, 1.00 |" and len(gains) == 4
+    monkeypatch.setattr(
+        measured_identifiers, "_measured", lambda task, in_world: found if task == "scooping" else []
+    )
+    about, _ = measured_identifiers.worlds().split("\n\n")
+    assert about == (
+        "scooping, [Panda](../../runs/evaluation/panda/tables.md), [UR5e](../../runs/evaluation/ur5e/tables.md): "
+        "4 pairs, 1 rounds; code 0123456789ab."
+    )

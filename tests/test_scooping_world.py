@@ -12,6 +12,7 @@ import gymnasium
 import robosuite
 
 from capture_cli.context.worlds import _robosuite, scooping
+from capture_cli.context.worlds.world import World
 from capture_cli.errors import OptionError
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks import load_task
@@ -51,7 +52,8 @@ def test_same_trajectories_as_the_plant(com, scoop_point):
 def test_arm_lifts_and_label_tells_the_side(environment, com, away):
     environment.place(com, com + away)
     environment.reset()
-    time, inputs, outputs = scooping.lift(environment)
+    played = environment.lift()
+    time, inputs, outputs = played.time, played.inputs, played.outputs
     assert environment.label == -np.sign(away)
     assert environment.reward() == (away == 0)
     assert len(time) == len(inputs) == len(outputs) == 41
@@ -64,18 +66,19 @@ def test_label_changes_at_a_tine_in_the_arms_hand_too(environment, scoop_point, 
     for away, label in ((0.0508, 0.0), (0.0528, side)):
         environment.place(scoop_point + side * away, scoop_point)
         environment.reset()
-        scooping.lift(environment)
+        environment.lift()
         assert environment.label == label
 
 
 def test_recordings_are_those_of_fresh_scenes():
     parameters, actions = np.array([0.2]), np.array([[0.5], [0.2]])
-    for action, recorded in zip(actions, scooping.record(parameters, actions), strict=True):
-        fresh = scooping.lift(make(0.2, action[0]))
-        for a, b in zip(recorded, fresh, strict=True):
-            np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
+    task = load_task("scooping")
+    for action, recorded in zip(actions, World(task).play(parameters, actions), strict=True):
+        fresh = make(0.2, action[0]).lift()
+        for name in ("time", "inputs", "outputs"):
+            np.testing.assert_allclose(getattr(recorded, name), getattr(fresh, name), rtol=0, atol=1e-9)
     with pytest.raises(OptionError, match="rate = 60 Hz"):
-        scooping.record(parameters, actions, rate=60)
+        World(task, rate=60).play(parameters, actions)
 
 
 def test_spatula_is_held_without_a_jerk(environment):

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from capture_cli.options.completion import effects, identifiers, tasks, words
-from capture_cli.options.shared import ActionPolicy, ObservationNoise, Resume, Simulating
+from capture_cli.options.shared import ActionPolicy, ObservationNoise, Resume, Robot, Simulating, World
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +34,8 @@ class EvalSim2SimOptions(Simulating):
         ),
     ] = None
     policy: ActionPolicy = "random"
+    world: World = "plant"
+    robot: Robot = None
     suite: Annotated[
         str | None,
         typer.Option(

@@ -10,7 +10,17 @@ import typer
 
 from capture_cli.options.base import UNRECORDED
 from capture_cli.options.completion import effects, words
-from capture_cli.options.shared import LogOut, MaxLogSize, Simulating, Task, deviations, numbers, ranges
+from capture_cli.options.shared import (
+    LogOut,
+    MaxLogSize,
+    Robot,
+    Simulating,
+    Task,
+    World,
+    deviations,
+    numbers,
+    ranges,
+)
 
 Parameters = numbers("--param", "NAME=VALUE; others are nominal.")
 Noise = deviations("--noise", "SD for all outputs, or OUTPUT=SD.")
@@ -27,14 +37,8 @@ class RecordOptions(Simulating):
 
     task: Task
     out: LogOut
-    world: Annotated[
-        str,
-        typer.Option(
-            "--world",
-            help="plant, or robosuite (an extra): the whole scene, driven by its robot.",
-            autocompletion=words("plant", "robosuite"),
-        ),
-    ] = "plant"
+    world: World = "plant"
+    robot: Robot = None
     parameters: Parameters = field(default_factory=dict)
     random_parameters: Annotated[
         bool, typer.Option("--random-parameters", help="Draw the others at random.")

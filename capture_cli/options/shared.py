@@ -79,6 +79,22 @@ AddedEstimate = Annotated[
     Path | None,
     typer.Option("--estimate", help="Diagnosis directory: what was found is in the simulated machine."),
 ]
+World = Annotated[
+    str,
+    typer.Option(
+        "--world",
+        help="plant, or robosuite (an extra): the whole scene, driven by its robot.",
+        autocompletion=words("plant", "robosuite"),
+    ),
+]
+Robot = Annotated[
+    str | None,
+    typer.Option(
+        "--robot",
+        help="Of --world robosuite; default Panda.",
+        autocompletion=words("Panda", "UR5e", "Sawyer", "IIWA", "Kinova3"),
+    ),
+]
 ObservationNoise = Annotated[
     str,
     typer.Option(

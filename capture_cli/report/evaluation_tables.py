@@ -26,6 +26,9 @@ class SETTINGS:
     ratio_round: int = 10
 
 
+IN_PAPER = "  in the paper"
+
+
 @dataclass(frozen=True)
 class Rows:
     """A table: `header`, and rows of cells; note: what the cells are."""
@@ -101,7 +104,7 @@ def markdown(document: Mapping[str, Any], title: str | None = None) -> str:
     for rows in tables(document):
         lines += [f"## {rows.title}", "", f"{escape(rows.note, quote=False)}.", "", _line(rows.header)]
         lines += [f"|---|{'---:|' * (len(rows.header) - 1)}", *map(_line, rows.cells), ""]
-    if record.task in paper_numbers.SAID:
+    if record.task in paper_numbers.SAID and record.robot is None:
         lines += [f"{paper_numbers.SAID[record.task]}.", ""]
     return "\n".join(lines)
 
@@ -111,6 +114,7 @@ def _heading(record: EvaluationRecord) -> str:
     return (
         f"{record.task}: {record.pairs} pairs, {record.seeds} seeds, {record.rounds} rounds; "
         f"policy {record.policy}, noise {record.noise}{f'; machines with {has}' * bool(has)}"
+        f"{f'; machines in {record.world}, played by {record.robot}' * (record.robot is not None)}"
     )
 
 
@@ -125,24 +129,25 @@ def _trajectories(record: EvaluationRecord) -> Rows:
     for label, e in record.identifiers.items():
         ours = [_of_several(e["trajectory_difference"][r], e["trajectory_difference_sd"][r]) for r in rounds]
         cells.append((label, *ours, *([significant(e["ratio"][at], 2)] if e["ratio"] else [])))
-        paper = paper_numbers.trajectory_difference(record.task, record.noise, e)
+        paper = paper_numbers.trajectory_difference(record.task, record.noise, e, record.world)
         if paper:
             theirs = [_spread(*paper[r], digits=2) if r in paper else MISSING for r in rounds]
-            cells.append(("  in the paper", *theirs, *([_paper_ratio(paper, at)] if e["ratio"] else [])))
+            ratios = [_paper_ratio(paper, at, record.world)] if e["ratio"] else []
+            cells.append((IN_PAPER, *theirs, *ratios))
     ratio = [f"ratio at {at}"] if record.yardstick else []
     note = "Sum over the points of the distance, after so many rounds"
     if record.seeds > 1:
         note += "; mean ± sd of the seeds"
     if ratio:
         note += f". Ratio: to {record.yardstick}"
-    if any(c[0] == "  in the paper" for c in cells):
-        note += f". Paper: {paper_numbers.SOURCE}"
+    if any(c[0] == IN_PAPER for c in cells):
+        note += f". Paper: {paper_numbers.SOURCE[record.world]}"
     return Rows("Trajectory difference", note, ("identifier", *map(str, rounds), *ratio), cells)
 
 
-def _paper_ratio(paper: Mapping[int, tuple[float, float]], at: int) -> str:
+def _paper_ratio(paper: Mapping[int, tuple[float, float]], at: int, world: str) -> str:
     yardstick = paper_numbers.trajectory_difference(
-        "air-hockey", "none", {"identifier": "domain-randomization"}
+        "air-hockey", "none", {"identifier": "domain-randomization"}, world
     )
     return significant(paper[at][0] / yardstick[at][0], 2) if at in paper else MISSING
 
@@ -170,11 +175,16 @@ def _each_parameter(record: EvaluationRecord) -> Rows:
 
 def _success(record: EvaluationRecord) -> Rows:
     shown = sorted({r for r in (0, 1, 2, 3, 4, 5, 7, *record.table_rounds) if r <= record.rounds})
-    cells = [
-        (label, *(f"{e['success'][r]:.3f}" for r in shown), f"{min(e['success'][_at(record, 5) :]):.3f}")
-        for label, e in record.identifiers.items()
-    ]
+    cells = []
+    for label, e in record.identifiers.items():
+        lowest = f"{min(e['success'][_at(record, 5) :]):.3f}"
+        cells.append((label, *(f"{e['success'][r]:.3f}" for r in shown), lowest))
+        if paper := paper_numbers.success(record.task, record.noise, e, record.world):
+            theirs = [f"{paper[r]:.2f}" if r in paper else MISSING for r in shown]
+            cells.append((IN_PAPER, *theirs, MISSING))
     note = "Share of the pairs in which the action chosen for the estimate succeeds, after so many rounds"
+    if any(c[0] == IN_PAPER for c in cells):
+        note += f". Paper: {paper_numbers.SUCCESS_SOURCE}"
     lowest = f"lowest from {_at(record, 5)}"
     return Rows("Success", note, ("identifier", *map(str, shown), lowest), cells)
 

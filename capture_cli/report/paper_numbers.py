@@ -1,8 +1,8 @@
 """What the paper reports, to stand beside what was measured here.
 
 Xilun Zhang, Shiqi Liu, et al.: Dynamics as Prompts: In-Context Learning for Sim-to-Real System Identifications,
-Table II (air hockey, sim-to-sim, trajectory difference in m over three seeds) and the text of Section IV-C. The
-figures have no numbers of their own, and are not read off.
+Table II (air hockey, sim-to-sim, trajectory difference in m over three seeds), Tables III and IV (sim-to-real, which
+stand beside worlds) and the text of Section IV-C. The figures have no numbers of their own, and are not read off.
 """
 
 from __future__ import annotations
@@ -10,7 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-SOURCE = "Zhang, Liu et al., Dynamics as Prompts, Table II"
+_PAPER = "Zhang, Liu et al., Dynamics as Prompts"
+SOURCE = {  # of what stands beside machines in the plant, and in a world
+    "plant": f"{_PAPER}, Table II",
+    "robosuite": f"{_PAPER}, Table IV: 15 runs on a real table",
+}
+SUCCESS_SOURCE = f"{_PAPER}, Table III: mean of three real objects, ten runs each"
 ROUNDS = (5, 10, 15, 20, 30)
 
 # (identifier, search of its histories) -> (mean, sd) of the trajectory difference at ROUNDS, m
@@ -28,6 +33,56 @@ _AIR_HOCKEY = {
     ("capture", "binary"): ((0.20, 0.01), (0.17, 0.01), (0.16, 0.02), (0.17, 0.01), (0.18, 0.01)),
     ("capture", "randomized-binary"): ((0.20, 0.01), (0.16, 0.01), (0.14, 0.01), (0.14, 0.01), (0.15, 0.01)),
 }
+# Table IV: identifier -> round -> (mean, sd) on the real table, m
+_REAL_AIR_HOCKEY = {
+    "expert-distillation": {
+        1: (0.40, 0.19),
+        3: (0.34, 0.14),
+        5: (0.51, 0.44),
+        7: (0.34, 0.15),
+        9: (0.34, 0.14),
+    },
+    "domain-randomization": {
+        1: (0.41, 0.27),
+        3: (0.40, 0.1),
+        5: (0.37, 0.33),
+        7: (0.42, 0.42),
+        9: (0.43, 0.40),
+    },
+    "tunenet": {1: (0.47, 0.22), 3: (0.40, 0.11), 5: (0.32, 0.21), 7: (0.38, 0.16), 9: (0.34, 0.15)},
+    "capture": {1: (0.47, 0.18), 3: (0.35, 0.14), 5: (0.35, 0.12), 7: (0.29, 0.10), 9: (0.27, 0.10)},
+}
+# Table III: identifier -> round -> success with eggplant, celery and carrot
+_REAL_SCOOPING = {
+    "expert-distillation": {
+        1: (0.8, 0.0, 0.0),
+        3: (0.5, 0.1, 0.8),
+        5: (0.3, 0.3, 0.5),
+        7: (0.2, 0.1, 0.5),
+        9: (0.1, 0.2, 0.6),
+    },
+    "domain-randomization": {
+        1: (0.9, 0.0, 0.0),
+        3: (0.9, 0.2, 0.1),
+        5: (1.0, 0.0, 0.0),
+        7: (0.9, 0.1, 0.1),
+        9: (0.9, 0.0, 0.0),
+    },
+    "tunenet": {
+        1: (0.9, 0.0, 0.0),
+        3: (0.9, 0.1, 0.9),
+        5: (0.7, 0.3, 0.8),
+        7: (0.6, 0.1, 0.5),
+        9: (0.4, 0.1, 0.4),
+    },
+    "capture": {
+        1: (0.3, 0.0, 0.3),
+        3: (0.6, 0.4, 0.7),
+        5: (0.9, 0.6, 0.9),
+        7: (0.9, 0.7, 0.9),
+        9: (0.9, 0.7, 0.9),
+    },
+}
 # in words, by task
 SAID = {
     "air-hockey": "The paper, Section IV-C: capture at a normalised parameter difference of about 0.2 after 7 rounds, "
@@ -38,13 +93,26 @@ SAID = {
 
 
 def trajectory_difference(
-    task: str, noise: str, about: Mapping[str, Any]
+    task: str, noise: str, about: Mapping[str, Any], world: str = "plant"
 ) -> dict[int, tuple[float, float]] | None:
     """The paper's (mean, sd) by round for an identifier of evaluation.json; None where it has none."""
-    as_in_paper = about.get("history_rounds", 7) == 7 and about.get("window", 4) in (1, 4)
-    if task != "air-hockey" or noise != "none" or not as_in_paper:
+    if task != "air-hockey" or noise != "none" or not _as_in_paper(about):
         return None
+    if world != "plant":
+        return _REAL_AIR_HOCKEY.get(about["identifier"])
     for key in ((about["identifier"], about.get("search")), (about["identifier"], None)):
         if key in _AIR_HOCKEY:
             return dict(zip(ROUNDS, _AIR_HOCKEY[key], strict=True))
     return None
+
+
+def success(task: str, noise: str, about: Mapping[str, Any], world: str) -> dict[int, float] | None:
+    """The paper's, mean of its objects, by round for an identifier in a world; None where it has none."""
+    if (task, noise) != ("scooping", "none") or world == "plant" or not _as_in_paper(about):
+        return None
+    found = _REAL_SCOOPING.get(about["identifier"])
+    return found and {number: sum(values) / len(values) for number, values in found.items()}
+
+
+def _as_in_paper(about: Mapping[str, Any]) -> bool:
+    return about.get("history_rounds", 7) == 7 and about.get("window", 4) in (1, 4)

@@ -25,6 +25,8 @@ def eval_sim2sim(options: EvalSim2SimOptions) -> dict[str, Any]:
     own = "--effect" if options.effects else "--known-noise" if options.known_noise else noise
     if options.histories is not None:
         own = "--histories"
+    if options.world != "plant" or options.robot is not None:
+        own = "--world"
     if own:
         raise OptionError(f"{own} with --suite", cure="leave it out: a suite has its own")
     return evaluate_suite(options)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,9 +11,10 @@ import numpy as np
 from mujoco.batch import SimulationError
 
 from capture_cli.common.documents import resolved
-from capture_cli.common.extras import require
 from capture_cli.context.observation_noise import standard_deviations
-from capture_cli.errors import FitError, OptionError, did_you_mean
+from capture_cli.context.worlds.world import PLANT, World, check_world
+from capture_cli.context.worlds.world import SETTINGS as WORLD
+from capture_cli.errors import FitError, OptionError
 from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import cut
@@ -28,8 +28,6 @@ from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed
 from capture_cli.store.provenance import Provenance, write_json
-
-WORLDS = ("plant", "robosuite")
 
 
 @dataclass(frozen=True)
@@ -50,8 +48,7 @@ def record(options: RecordOptions) -> Recording:
     controller drives it. Effects are of the plant; those of the option stand in the place of the estimate's, as do its
     parameters. Raises CaptureError.
     """
-    if options.world == "robosuite":
-        require("robosuite", "--world robosuite")
+    check_world(options.world, options.robot)
     out = options.out
     refuse_existing(out, force=options.force)
     truth = options.truth or out.with_suffix(".truth.json")
@@ -69,7 +66,7 @@ def record(options: RecordOptions) -> Recording:
     noise_sd = _noise_sd(options.noise, machine)
     generator = np.random.default_rng(options.seed)
     point = _point(asked, options, generator)
-    driven, outputs = _outputs(options.world, simulator, point, drive(machine, options, generator))
+    driven, outputs = _outputs(options, simulator, point, drive(machine, options, generator))
     outputs = outputs + np.array([*noise_sd.values()]) * generator.standard_normal(outputs.shape)
     log = driven.log(machine, outputs, name=out.stem, source="capture record")
     known = _truth(simulator, point, noise_sd, options)
@@ -99,20 +96,23 @@ def _noise_sd(noise: Mapping[str, float] | float, machine: Task) -> dict[str, fl
     return dict(zip(names, sd, strict=True))
 
 
-def _outputs(world: str, simulator: Simulator, point: np.ndarray, driven: Drive) -> tuple[Drive, np.ndarray]:
+def _outputs(
+    options: RecordOptions, simulator: Simulator, point: np.ndarray, driven: Drive
+) -> tuple[Drive, np.ndarray]:
     """How the machine was driven in that world, and its outputs (step, output) without noise; point (parameter,): of
     the task and, after them, of the simulator's effects.
     """
-    if world == "plant":
+    if options.world == PLANT:
         return driven, _simulate(simulator, driven, point)
     if simulator.effects:
         names = ", ".join(placed.name for placed in simulator.effects)
         raise OptionError(
-            f"--effect means nothing, and so do effects of --estimate ({names}): --world {world} lacks nothing that "
-            "could be added to it",
+            f"--effect means nothing, and so do effects of --estimate ({names}): --world {options.world} lacks "
+            "nothing that could be added to it",
             cure="leave it out; the values of an estimate can be given with --param",
         )
-    return _in_scene(world, simulator.task, point, driven)
+    rate = 1 / (driven.time[1] - driven.time[0])
+    return _in_scene(World(simulator.task, options.robot or WORLD.robot, rate), point, driven)
 
 
 def _truth(
@@ -122,9 +122,10 @@ def _truth(
     task, values = simulator.task, simulator.space.to_dict(point)
     return {
         "format": "capture/truth",
-        "version": 1,
+        "version": 2,
         "task": task.name,
         "world": options.world,
+        "robot": None if options.world == PLANT else options.robot or WORLD.robot,
         "parameters": {name: values[name] for name in task.space.names},
         "effects": {name: values[name] for name in simulator.space.names[len(task.space) :]},
         "noise_sd": dict(noise_sd),
@@ -166,23 +167,21 @@ def _if_path(name: str | None) -> Path | None:
     return Path(name) if name is not None and Path(name).exists() else None
 
 
-def _in_scene(world: str, machine: Task, point: np.ndarray, driven: Drive) -> tuple[Drive, np.ndarray]:
-    """How the task's whole scene was driven, its robot taking the actions of `driven`, and outputs (step, output).
+def _in_scene(world: World, point: np.ndarray, driven: Drive) -> tuple[Drive, np.ndarray]:
+    """How the world was driven, its robot taking the actions of `driven`, and outputs (step, output).
 
-    A module of `worlds` called like the task defines record(parameters (parameter,), actions (episode, action), rate
-    in Hz) -> (time (step,), inputs (step, input), outputs (step, output)) per episode. Raises OptionError.
+    Raises OptionError where the robot cannot, FitError where the simulation diverges.
     """
-    if world not in WORLDS:
-        raise OptionError(f"unknown --world {world!r}", cure=did_you_mean(world, WORLDS))
-    module = f"capture_cli.context.worlds.{machine.name.replace('-', '_')}"
-    if not isinstance(machine, ActionTask) or importlib.util.find_spec(module) is None:
-        raise OptionError(f"there is no robosuite scene of {machine.name!r}", cure="record --world plant")
-    scene = importlib.import_module(module)
-    rate = 1 / (driven.time[1] - driven.time[0])
-    recordings = scene.record(point, driven.actions, rate)
-    time, inputs, outputs = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
-    ends = np.cumsum([len(times) for times, _, _ in recordings])
-    return replace(driven, time=time, inputs=inputs, ends=ends), outputs
+    world.try_out()
+    played = world.play(point, driven.actions)
+    if count := sum(p.diverged for p in played):
+        raise FitError(
+            f"the simulation diverged in {count} of {len(played)} episodes", cure="take another --robot"
+        )
+    time, inputs, outputs = (
+        np.concatenate([getattr(p, n) for p in played]) for n in ("time", "inputs", "outputs")
+    )
+    return replace(driven, time=time, inputs=inputs, ends=np.cumsum([len(p.time) for p in played])), outputs
 
 
 def _simulate(simulator: Simulator, driven: Drive, point: np.ndarray) -> np.ndarray:

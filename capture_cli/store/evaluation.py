@@ -13,13 +13,15 @@ from capture_cli.store.result import Keys, Result, Row, Rows
 from capture_cli.store.schema import ArraySpec, Schema
 
 FORMAT = "capture/evaluation"
-VERSION = 3
+VERSION = 4
 BY_TRAJECTORY = "capture-trajectory"
 _CURE = "make it again with `capture eval-sim2sim`"
 SHAPE = {  # of what is read of evaluation.json
     "task": TEXT,
     "policy": TEXT,
     "effects": EFFECTS,
+    "world": TEXT,
+    "robot": or_none(TEXT),
     "noise": TEXT,
     "pairs": COUNT,
     "seeds": COUNT,
@@ -69,7 +71,12 @@ def _is_by_trajectory(about: Any) -> bool:
     )
 
 
-EARLIER = {1: _without_effects, 2: _named_by_its_tokens}
+def _in_the_plant(found: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A document or attributes as of version 4: of the first no machine was played in another world."""
+    return {**found, "world": "plant", "robot": None}
+
+
+EARLIER = {1: _without_effects, 2: _named_by_its_tokens, 3: _in_the_plant}
 
 _AXES = ("identifier", "seed", "pair", "round")
 
@@ -116,8 +123,10 @@ SCHEMA = Schema(
         "features": "list of {name, unit, scale}, one per feature of a trajectory",
         "identifiers": "list of {label, identifier, checkpoint, sha256, ...}, one per identifier",
         "policy": "{name, sha256 of its checkpoint or null} of what chose the actions",
-        "effects": "what the machines had beside the task's model; list as in capture/histories. Version 1 had none, "
-        "and is read so; of version 2 a `capture` with a token per trajectory is read as `capture-trajectory`",
+        "effects": "what the machines had beside the task's model; list as in capture/histories. Version 1 had none; "
+        "of version 2 a `capture` with a token per trajectory is read as `capture-trajectory`",
+        "world": "where machines were played: plant or robosuite; before version 4 the plant",
+        "robot": "null, or who did",
         "noise": "kind of noise in what identifiers were told was measured",
         "seed": "of every random choice",
     },
@@ -141,6 +150,8 @@ class EvaluationRecord(Keys):
     yardstick: str | None
     identifiers: Rows
     effects: Sequence[Row] = ()
+    world: str = "plant"
+    robot: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

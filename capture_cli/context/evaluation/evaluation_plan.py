@@ -13,6 +13,8 @@ from capture_cli.context.checkpoints.policy_checkpoint import is_checkpoint, loa
 from capture_cli.context.evaluation.evaluated_identifier import Evaluated, load_evaluated, require_extras
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
 from capture_cli.context.histories.action_library import library_hash, task_of_histories
+from capture_cli.context.worlds.world import PLANT, ROBOSUITE, World, check_world
+from capture_cli.context.worlds.world import SETTINGS as WORLD
 from capture_cli.errors import OptionError, TaskError
 from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks import load_task
@@ -63,6 +65,7 @@ def evaluation_plan(
     evaluated = load_evaluated(options.identifiers, machine, spelled_out, numbers)
     if options.known_noise:
         observation_noise.error_rate(noise)
+    world = _world(options, machine, effects)
     draws = [
         Sim2Sim(
             machine,
@@ -75,6 +78,7 @@ def evaluation_plan(
             options.threads,
             options.known_noise,
             effects,
+            world,
         )
         for number in range(options.seeds)
     ]
@@ -82,12 +86,25 @@ def evaluation_plan(
     inputs = [e.path for e in evaluated if e.path is not None]
     inputs += [Path(policy)] if is_checkpoint(policy) else []
     inputs += [options.histories] if options.histories is not None else []
-    return EvaluationPlan(
-        evaluated, draws, _attributes(machine, effects, policy, noise, options.seed, evaluated), inputs
-    )
+    return EvaluationPlan(evaluated, draws, _attributes(draws[0], policy, noise, evaluated), inputs)
+
+
+def _world(options: EvalSim2SimOptions, machine: ActionTask, effects: EffectRanges) -> World | None:
+    """Where machines are played; None for the plant. Raises OptionError where the robot cannot play them."""
+    if options.world == PLANT:
+        return None
+    if effects.placed:
+        raise OptionError(
+            f"--effect with --world {options.world}, which lacks nothing that could be added to it",
+            cure="leave one of them out",
+        )
+    world = World(machine, options.robot or WORLD.robot)
+    world.try_out()
+    return world
 
 
 def _check(options: EvalSim2SimOptions) -> None:
+    check_world(options.world, options.robot)
     for name in ("pairs", "seeds", "rounds"):
         if getattr(options, name) < 1:
             raise OptionError(f"--{name} {getattr(options, name)}", cure="give at least 1")
@@ -113,10 +130,8 @@ def _action_task(name: str | None, policy: str, histories: Path | None) -> Actio
     return task_of_histories(machine, histories)
 
 
-def _attributes(
-    task: ActionTask, effects: EffectRanges, policy: str, noise: str, seed: int, evaluated: list[Evaluated]
-) -> dict:
-    chooses = recorded_policy(policy)
+def _attributes(draw: Sim2Sim, policy: str, noise: str, evaluated: list[Evaluated]) -> dict:
+    task, chooses = draw.task, recorded_policy(policy)
     return {
         "task": task.name,
         "parameters": [{k: getattr(p, k) for k in ("name", "unit", "low", "high")} for p in task.space],
@@ -124,7 +139,9 @@ def _attributes(
         "identifiers": [{"label": e.label, **e.facts} for e in evaluated],
         # one that was not trained draws from the library, where there is one
         "policy": chooses if chooses["sha256"] else {**chooses, "sha256": library_hash(task)},
-        "effects": effects.rows(),
+        "effects": draw.effects.rows(),
+        "world": PLANT if draw.world is None else ROBOSUITE,
+        "robot": None if draw.world is None else draw.world.robot,
         "noise": noise,
-        "seed": seed,
+        "seed": draw.seed,
     }

@@ -18,8 +18,10 @@ def summary(
 ) -> dict[str, Any]:
     """Means over pairs and seeds, JSON-able; "mean" is over pairs and seeds, "sd" that of the seeds' means."""
     seeds, pairs, entries = arrays["trajectory_difference"].shape[1:]
-    table_rounds = (5, 10, 15, 20, 30)  # the paper's, Table II
-    reached = [r for r in table_rounds if r < entries] or [entries - 1]
+    rounds = (5, 10, 15, 20, 30)  # the paper's, Table II
+    of_worlds = (1, 3, 5, 7, 9)  # Tables III and IV
+    shown = rounds if attributes["world"] == "plant" else of_worlds
+    reached = [r for r in shown if r < entries] or [entries - 1]
     names = [p["name"] for p in attributes["parameters"]]
     span = np.array([p["high"] - p["low"] for p in attributes["parameters"]])
     difference = np.abs(arrays["estimates"] - arrays["target"][None, :, :, None]) / span
@@ -53,6 +55,8 @@ def summary(
     return {
         "task": attributes["task"],
         "effects": attributes["effects"],
+        "world": attributes["world"],
+        "robot": attributes["robot"],
         "noise": attributes["noise"],
         "policy": attributes["policy"]["name"],
         "pairs": pairs,

@@ -10,12 +10,12 @@ import numpy as np
 
 from capture_cli.context.evaluation.evaluated_identifier import Evaluated
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
-from capture_cli.simulate.simulator import Simulator
+from capture_cli.model.effects.ranges import NO_EFFECTS
 
 
 @dataclass(frozen=True)
 class Expected:
-    """Rollouts that are to be simulated, and seconds that they take here and now."""
+    """Rollouts that are to be simulated, measured ones as well, and seconds that they take here and now."""
 
     rollouts: float = 0.0
     seconds: float = 0.0
@@ -34,16 +34,21 @@ def expected(todo: Iterable[tuple[Evaluated, Sim2Sim]]) -> Expected | None:
     """
     todo = list(todo)
     smallest_planned = 50  # pairs in all, from which on it is said how long it will take
-    if sum(draw.pairs for _, draw in todo) < smallest_planned:
+    in_world = any(draw.world for _, draw in todo)
+    if not todo or (not in_world and sum(draw.pairs for _, draw in todo) < smallest_planned):
         return None
     by_itself: dict[str, float] = {}
-    rollouts = 0.0
+    simulated, measured = 0.0, 0.0
     for e, draw in todo:
         if e.kind.simulates and e.label not in by_itself:
             by_itself[e.label] = _by_itself(e, draw)
         # a round is measured, and simulated with every candidate
-        rollouts += draw.pairs * (draw.rounds * (1 + e.kind.candidates) + by_itself.get(e.label, 0.0))
-    return Expected(rollouts, rollouts / _rollouts_per_second(todo[0][1]))
+        simulated += draw.pairs * (draw.rounds * e.kind.candidates + by_itself.get(e.label, 0.0))
+        measured += draw.pairs * draw.rounds
+    first = todo[0][1]
+    seconds = simulated / _rollouts_per_second(replace(first, world=None))
+    seconds += measured / _rollouts_per_second(first)
+    return Expected(simulated + measured, seconds)
 
 
 def _by_itself(e: Evaluated, draw: Sim2Sim) -> float:
@@ -51,19 +56,21 @@ def _by_itself(e: Evaluated, draw: Sim2Sim) -> float:
     # of identifiers that simulate by themselves
     probed_pairs = 2
     probed_rounds = 5
-    probe = replace(draw, pairs=probed_pairs, rounds=min(draw.rounds, probed_rounds))
+    probe = replace(draw, pairs=probed_pairs, rounds=min(draw.rounds, probed_rounds), world=None)
     spent = probe.run(e.make, known=e.effects)["simulated_rollouts"].mean(axis=0)
     total = spent[-1] + (draw.rounds - probe.rounds) * (spent[-1] - spent[-2])
     return max(0.0, total - draw.rounds * e.kind.candidates)
 
 
 def _rollouts_per_second(draw: Sim2Sim) -> float:
-    probed = 64  # episodes, simulated to see how many a second there are
-    source, _ = replace(draw, pairs=probed, rounds=1).ends()
+    """Of machines without effects."""
+    probed = 64 if draw.world is None else 2  # episodes, simulated to see how many a second there are
+    draw = replace(draw, pairs=probed, rounds=1, effects=NO_EFFECTS)
+    source, _ = draw.ends()
     uniform = np.random.default_rng(0).random((probed, len(draw.task.actions)))
     actions = draw.policy.act(source, uniform)
     began = time.monotonic()
-    Simulator(draw.task, threads=draw.threads).trajectories(source, actions)
+    draw.machine()(source, actions)
     return probed / (time.monotonic() - began)
 
 

@@ -20,6 +20,7 @@ from capture_cli.context.identifiers.base import (
     run_rounds,
 )
 from capture_cli.context.policies.base import Policy
+from capture_cli.context.worlds.world import World
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks.base import ActionTask
@@ -35,7 +36,8 @@ class Sim2Sim:
 
     number: which of several draws of the pairs this is (a "seed" of the paper); the first pairs and rounds of a draw do
     not depend on how many there are. known_noise: identifiers are told which labels are random. effects: what the
-    machines have beside the task's model, which nobody is told; where it has a range, each pair's draws from it.
+    machines have beside the task's model, which nobody is told; where it has a range, each pair's draws from it. world:
+    plays the machines where it is given, whose effects are its own.
     """
 
     task: ActionTask
@@ -48,6 +50,7 @@ class Sim2Sim:
     threads: int | None = None
     known_noise: bool = False
     effects: EffectRanges = NO_EFFECTS
+    world: World | None = None
 
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
         """Sources and targets, both (pair, parameter)."""
@@ -68,7 +71,7 @@ class Sim2Sim:
         source, target = self.ends()
         signature = Signature.of(self.task)
         simulate = Simulator(self.task.with_effects(known), threads=self.threads).trajectories
-        machine = Simulator(self.task, self.effects.placed, self.threads).trajectories
+        machine = self.machine()
         of_effects = [self.effects.drawn(self._generator(pair, 3), 1) for pair in range(self.pairs)]
         truth = np.concatenate([target, np.concatenate(of_effects)], axis=1)
         told = {"error_rate": observation_noise.error_rate(self.noise)} if self.known_noise else {}
@@ -103,6 +106,12 @@ class Sim2Sim:
             flat = self.task.success(actions.reshape(-1, actions.shape[-1]), _flat(measured))
             arrays["success"] = flat.reshape(distance.shape)
         return arrays
+
+    def machine(self) -> Simulate:
+        """What stands in for the real machine; its parameters are the task's, and its effects'."""
+        if self.world is not None:
+            return self.world.trajectories
+        return Simulator(self.task, self.effects.placed, self.threads).trajectories
 
     def _judged(self, walk: Walk, estimates, measured, uniform, simulate: Simulate, play: Callable):
         """Action, simulated and measured trajectory of every estimate (pair, round, ...), without noise.

@@ -12,6 +12,13 @@ from capture_cli.errors import OptionError
 HAND_DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # fingers open along the y axis
 
 
+class Unreachable(OptionError):
+    """A robot that cannot take hold of its tool."""
+
+    def __init__(self, message: str, *, cure: str = 'take robots="Panda", or driven_by="servos"'):
+        super().__init__(message, cure=cure)
+
+
 def grip(hand: str, tool: str) -> ElementTree.Element:
     """A weld of hand and tool, called "grip", stiffer than the arm's control by far."""
     return ElementTree.Element("weld", name="grip", body1=hand, body2=tool, active="false", solref="0.004 1")
@@ -26,7 +33,7 @@ def take_options(root: ElementTree.Element, plant: ElementTree.Element) -> None:
 def reach(model, data, site: int, goal: np.ndarray, joints, dofs) -> np.ndarray:
     """Joint positions at which `site` is at `goal` and the hand points down, by Gauss-Newton steps.
 
-    Raises OptionError where the robot cannot reach it.
+    Raises Unreachable where the robot cannot reach it, or only beyond the range of a joint.
     """
     jacobian = np.zeros((6, model.nv))
     # m and rad
@@ -41,13 +48,21 @@ def reach(model, data, site: int, goal: np.ndarray, joints, dofs) -> np.ndarray:
         )
         error = np.concatenate([goal - data.site_xpos[site], turn_vector])
         if np.abs(error).max() < ik_tolerance:
-            return data.qpos[joints].copy()
+            return _within_ranges(model, data.qpos[joints].copy(), dofs)
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
         data.qpos[joints] += np.linalg.lstsq(jacobian[:, dofs], error, rcond=None)[0]
-    raise OptionError(
-        f"the robot's hand stays {np.linalg.norm(error[:3]):.3g} m from the tool's handle",
-        cure='take robots="Panda", or driven_by="servos"',
-    )
+    raise Unreachable(f"the robot's hand stays {np.linalg.norm(error[:3]):.3g} m from the tool's handle")
+
+
+def _within_ranges(model, posture: np.ndarray, dofs) -> np.ndarray:
+    for joint, position in zip(model.dof_jntid[dofs], posture, strict=True):
+        low, high = model.jnt_range[joint]
+        if model.jnt_limited[joint] and not low <= position <= high:
+            raise Unreachable(
+                f"the robot's hand is at the tool's handle with the joint {model.joint(joint).name} at "
+                f"{position:.3g} rad alone, and its range is {low:.3g} to {high:.3g}"
+            )
+    return posture
 
 
 def take_hold(robot, arm: str, model, data, handle: str, servos) -> None:

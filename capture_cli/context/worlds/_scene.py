@@ -12,7 +12,9 @@ from capture_cli.context.worlds import _robosuite  # noqa: F401
 # isort: split
 import xml.etree.ElementTree as ElementTree
 from abc import abstractmethod
+from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from robosuite.environments.manipulation.manipulation_env import ManipulationEnv
 from robosuite.models.arenas import TableArena
@@ -32,6 +34,26 @@ class SETTINGS:
 
 
 DRIVERS = ("arm", "servos")
+# MuJoCo begins anew after them
+DIVERGED = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+
+
+@dataclass(frozen=True)
+class Played:
+    """What a robot's log of an action would hold, without noise: time (step,) s, inputs (step, input), outputs (step,
+    output). behind: how far the tool was at most from where it was sent, over how far that was from where it began.
+    diverged: the simulation did.
+    """
+
+    time: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+    behind: float
+    diverged: bool
 
 
 class Scene(ManipulationEnv):
@@ -71,6 +93,10 @@ class Scene(ManipulationEnv):
         """What the tool's servos are given, (input,)."""
 
     @abstractmethod
+    def play(self, parameters: np.ndarray, action: np.ndarray) -> Played:
+        """Begin anew and let the arm do what `action` (action,) asks for, under the task's parameters (parameter,)."""
+
+    @abstractmethod
     def standing(self, plant: MujocoXML) -> ElementTree.Element:
         """Everything of the plant in one body that stands on the table."""
 
@@ -102,6 +128,14 @@ class Scene(ManipulationEnv):
 
         measured = Observable(name=self.observed, sensor=outputs, sampling_rate=self.control_freq)
         return {**super()._setup_observables(), self.observed: measured}
+
+    def played(self, time: np.ndarray, inputs: np.ndarray, outputs: np.ndarray, sent: np.ndarray) -> Played:
+        """What was played; sent (step, 2): where the tool, which the last outputs are of, was to be."""
+        tool = outputs[:, -sent.shape[1] :]
+        behind = np.abs(tool - sent).max() / np.abs(sent - tool[0]).max()
+        warnings = self.sim.data._data.warning
+        diverged = any(warnings[kind].number for kind in DIVERGED) or not np.isfinite(outputs).all()
+        return Played(time, inputs, outputs, float(behind), diverged)
 
     @property
     def _arm(self) -> str:

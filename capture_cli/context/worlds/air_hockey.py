@@ -24,7 +24,7 @@ from robosuite.controllers import load_composite_controller_config
 from robosuite.models.base import MujocoXML
 
 from capture_cli.context.worlds._scene import SETTINGS as SCENE
-from capture_cli.context.worlds._scene import Scene, check_rate
+from capture_cli.context.worlds._scene import Played, Scene, check_rate
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks.air_hockey import AirHockey
 
@@ -130,6 +130,31 @@ class TableAirHockey(Scene):
             for own, geom in self._geoms.items():
                 getattr(model, name)[geom] = values[0, own]
 
+    def play(self, parameters, action):
+        """The log's inputs are the velocities that the plant's servos would be given. The arm, whose controller takes
+        positions, is sent at every control step where the mallet would be by its end if it obeyed them.
+        """
+        check_rate(self.plant.timestep, self.control_freq)
+        self.place(self.plant.space.to_dict(parameters), action[:2])
+        self.reset()
+        return self.strike(action)
+
+    def strike(self, action: np.ndarray) -> Played:
+        """The same of a scene that was reset to where the action begins."""
+        plant, interval = self.plant, self.control_timestep
+        sequence = plant.episodes(action[None]).inputs[0]
+        each = round(interval / plant.timestep)
+        steps = (len(sequence) - 1) // each
+        inputs = np.append(
+            sequence[: steps * each].reshape(steps, each, 2).mean(axis=1), sequence[-1:], axis=0
+        )
+        sent = np.cumsum([self.outputs[2:], *interval * inputs], axis=0)[1:]
+        outputs = np.empty((steps + 1, len(plant.outputs)))
+        for step, target in enumerate(sent):
+            outputs[step] = self.outputs
+            self.step(self.arm_action(target))
+        return self.played(interval * np.arange(steps + 1), inputs, outputs, sent)
+
     def arm_action(self, target: np.ndarray) -> np.ndarray:
         """The action that sends the hand to where the mallet is at `target`, (x, y), m.
 
@@ -141,45 +166,7 @@ class TableAirHockey(Scene):
         return action
 
 
-def record(
-    parameters: np.ndarray, actions: np.ndarray, rate: float = 100.0
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """What a Panda's log of these strokes would hold, without noise: (time, inputs, outputs) of each, as by `strike`.
-
-    parameters (parameter,), actions (episode, action), in the task's units. rate: Hz, of the arm's commands and of
-    the log. Raises OptionError where the scene's steps do not make up that rate.
-    """
-    plant = AirHockey()
-    check_rate(plant.timestep, rate)
-    environment = TableAirHockey(robots="Panda", control_freq=rate, horizon=int(3 * rate), hard_reset=False)
-    recordings = []
-    for action in actions:
-        environment.place(plant.space.to_dict(parameters), action[:2])
-        environment.reset()
-        recordings.append(strike(environment, action))
-    return recordings
-
-
-def strike(environment: TableAirHockey, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Strike once, from a fresh reset: time (step,) s, inputs (step, 2) and outputs (step, output).
-
-    The log's inputs are the velocities that the plant's servos would be given. The arm, whose controller takes
-    positions, is sent at every control step where the mallet would be by its end if it obeyed them.
-    """
-    plant, interval = environment.plant, environment.control_timestep
-    sequence = plant.episodes(action[None]).inputs[0]
-    each = round(interval / plant.timestep)
-    steps = (len(sequence) - 1) // each
-    inputs = np.append(sequence[: steps * each].reshape(steps, each, 2).mean(axis=1), sequence[-1:], axis=0)
-    outputs = np.empty((steps + 1, len(plant.outputs)))
-    target = environment.outputs[2:]
-    for step, velocity in enumerate(inputs):
-        outputs[step] = environment.outputs
-        target = target + interval * velocity
-        environment.step(environment.arm_action(target))
-    return interval * np.arange(steps + 1), inputs, outputs
-
-
+MACHINE = TableAirHockey
 gymnasium_environment = TableAirHockey.behind_gymnasium
 gymnasium.register("capture/TableAirHockey-v0", entry_point=gymnasium_environment)
 
@@ -188,7 +175,7 @@ def _controller(robot: str) -> dict:
     """The robot's own controller; only how far one action may send the hand is more."""
     config = load_composite_controller_config(robot=robot)
     for part in config["body_parts"].values():
-        if "output_max" in part:
+        if part.get("type") == "OSC_POSE":
             part["output_max"] = [SETTINGS.reach] * 3 + part["output_max"][3:]
             part["output_min"] = [-SETTINGS.reach] * 3 + part["output_min"][3:]
     return config

@@ -22,7 +22,7 @@ import numpy as np
 from robosuite.models.base import MujocoXML
 
 from capture_cli.context.worlds._scene import SETTINGS as SCENE_SETTINGS
-from capture_cli.context.worlds._scene import Scene, check_rate
+from capture_cli.context.worlds._scene import Played, Scene, check_rate
 from capture_cli.model.tasks._scooping import SETTINGS as SCOOPING
 from capture_cli.model.tasks._scooping import lift_height
 from capture_cli.model.tasks.scooping import Scooping
@@ -105,6 +105,26 @@ class ObjectScooping(Scene):
         mujoco.mj_forward(model, data)
         self._hold()
 
+    def play(self, parameters, action):
+        """The arm is sent, at every control step, where the plant's servos would be sent: the log's inputs."""
+        check_rate(self.plant.timestep, self.control_freq)
+        self.place(float(parameters[0]), float(action[0]))
+        self.reset()
+        return self.lift()
+
+    def lift(self) -> Played:
+        """The same of a scene that was reset."""
+        plant, interval = self.plant, self.control_timestep
+        steps = round(plant.point_times[-1] / interval) + 1
+        time = interval * np.arange(steps)
+        inputs = np.stack([np.full(steps, self.outputs[3]), lift_height(time)], axis=1)
+        outputs = np.empty((steps, len(plant.outputs)))
+        outputs[0] = self.outputs
+        for step in range(1, steps):
+            self.step(self.arm_action(inputs[step - 1]))
+            outputs[step] = self.outputs
+        return self.played(time, inputs, outputs, inputs)
+
     def arm_action(self, target: np.ndarray) -> np.ndarray:
         """The action that sends the hand to where the spatula is at `target`, (x, z) in the plant's axes, m.
 
@@ -117,41 +137,6 @@ class ObjectScooping(Scene):
         return action
 
 
-def record(
-    parameters: np.ndarray, actions: np.ndarray, rate: int = 100
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """What a Panda's log of these lifts would hold, without noise: (time, inputs, outputs) of each, as `lift` gives.
-
-    parameters (parameter,), actions (episode, action), in the task's units. rate: Hz, of the arm's commands and of
-    the log. Raises OptionError where the scene's steps do not make up that rate.
-    """
-    check_rate(Scooping().timestep, rate)
-    environment = ObjectScooping(robots="Panda", control_freq=rate, hard_reset=False)
-    recordings = []
-    for action in actions:
-        environment.place(float(parameters[0]), float(action[0]))
-        environment.reset()
-        recordings.append(lift(environment))
-    return recordings
-
-
-def lift(environment: ObjectScooping) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lift the rod once, from a fresh reset: time (step,) s, inputs (step, 2) and outputs (step, output).
-
-    The arm is sent, at every control step, where the plant's servos would be sent: that is what the log's inputs say.
-    """
-    plant = environment.plant
-    interval = environment.control_timestep
-    steps = round(plant.point_times[-1] / interval) + 1
-    time = interval * np.arange(steps)
-    inputs = np.stack([np.full(steps, environment.outputs[3]), lift_height(time)], axis=1)
-    outputs = np.empty((steps, len(plant.outputs)))
-    outputs[0] = environment.outputs
-    for step in range(1, steps):
-        environment.step(environment.arm_action(inputs[step - 1]))
-        outputs[step] = environment.outputs
-    return time, inputs, outputs
-
-
+MACHINE = ObjectScooping
 gymnasium_environment = ObjectScooping.behind_gymnasium
 gymnasium.register("capture/ObjectScooping-v0", entry_point=gymnasium_environment)

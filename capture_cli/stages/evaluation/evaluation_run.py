@@ -34,7 +34,8 @@ BESIDE = ".new"  # of a part that is not complete
 def evaluate(options: EvalSim2SimOptions) -> Evaluation:
     """Evaluate the identifiers on `pairs` pairs of the task, `seeds` times; write the evaluation directory at `out`.
 
-    Identifiers simulate with the effects that their histories had, machines have those of the options. With `resume` a
+    Identifiers simulate with the effects that their histories had; machines have those of the options, or are played
+    in its world. With `resume` a
     run that was killed goes on after the identifier and seed it last completed, and one that is complete is read. The
     arrays do not depend on `threads`. Raises CaptureError before any work.
     """
@@ -120,7 +121,10 @@ def _begin(folder: Path, plan: EvaluationPlan) -> None:
 
 
 def _refuse_other(found: dict[str, Any], plan: EvaluationPlan, where: Path) -> None:
-    found, wanted = with_new_hashes({"effects": [], **found}, plan.inputs), plan.recipe
+    found, wanted = (
+        with_new_hashes({"effects": [], "world": "plant", "robot": None, **found}, plan.inputs),
+        plan.recipe,
+    )
     other = [k for k in wanted if found.get(k) != wanted[k]]
     if other:
         raise OptionError(
