@@ -83,7 +83,7 @@ World = Annotated[
     str,
     typer.Option(
         "--world",
-        help="plant, or robosuite (an extra): the whole scene, driven by its robot.",
+        help="plant, or robosuite (an extra): the whole scene and its robot.",
         autocompletion=words("plant", "robosuite"),
     ),
 ]

@@ -125,7 +125,7 @@ SCHEMA = Schema(
         "policy": "{name, sha256 of its checkpoint or null} of what chose the actions",
         "effects": "what the machines had beside the task's model; list as in capture/histories. Version 1 had none; "
         "of version 2 a `capture` with a token per trajectory is read as `capture-trajectory`",
-        "world": "where machines were played: plant or robosuite; before version 4 the plant",
+        "world": "where machines were played: plant or robosuite",
         "robot": "null, or who did",
         "noise": "kind of noise in what identifiers were told was measured",
         "seed": "of every random choice",
