@@ -59,7 +59,7 @@ class Measured:
     def about(self) -> str:
         """Counts, and the code."""
         d, code = self.document, self.provenance.get("code")
-        seeds = f", {d['seeds']} draws of them" if d["seeds"] > 1 else ""
+        seeds = f", {d['seeds']} draws" if d["seeds"] > 1 else ""
         noise = "" if d["noise"] == "none" else f", noise {d['noise']}"
         trained = {e["pairs_trained"] for e in self.rows.values() if e.get("pairs_trained")}
         histories = f", trained on {_either(sorted(trained))} histories" if trained else ""
