@@ -29,7 +29,7 @@ from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.errors import OptionError
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
-from capture_cli.estimate.solve.base import Evidence, Trial, run
+from capture_cli.estimate.solve.base import Data, Trial, run
 from capture_cli.estimate.solve.least_squares import LeastSquares
 from capture_cli.estimate.split import NewSplit
 from capture_cli.log.measured_log import MeasuredLog
@@ -136,8 +136,8 @@ def _ours(prepared: PreparedLog, objective: _Objective) -> np.ndarray:
     # far below the error, as a noise floor is: the model does not explain this log
     noise = 1e-4 * objective.scale
     fixed = np.zeros_like(prepared.starts.sd)
-    evidence = Evidence(simulator.space, windows.measured, windows.sampled, noise, fixed)
-    solver = LeastSquares(evidence, start=_start(prepared), starts=1)
+    data = Data(simulator.space, windows.measured, windows.sampled, noise, fixed)
+    solver = LeastSquares(data, start=_start(prepared), starts=1)
     return run(solver, lambda trial: prepared.evaluate(simulator, trial)).parameters
 
 

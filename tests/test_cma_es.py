@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from capture_cli.estimate.solve.cma_es import CmaEs
-from capture_cli.estimate.solve.linearization import Evidence
+from capture_cli.estimate.solve.linearization import Data
 from capture_cli.model.parameters import Parameter, ParameterSpace
 
 WINDOWS, STEPS = 6, 60
@@ -24,17 +24,17 @@ def outputs(parameters: np.ndarray, offsets: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture
-def evidence() -> Evidence:
+def data() -> Data:
     generator = np.random.default_rng(0)
     starts = START_SD * generator.standard_normal((WINDOWS, 2))
     measured = outputs(TRUTH[None], starts[None])[0]
     measured = measured + NOISE * generator.standard_normal(measured.shape)
     mask = np.ones(measured.shape, dtype=bool)
-    return Evidence(SPACE, measured, mask, np.array([NOISE]), np.full((WINDOWS, 2), START_SD))
+    return Data(SPACE, measured, mask, np.array([NOISE]), np.full((WINDOWS, 2), START_SD))
 
 
-def test_what_candidates_are_judged_by_is_what_is_found_there(evidence):
-    solver = CmaEs(evidence, start=SPACE.nominal, seed=1)
+def test_what_candidates_are_judged_by_is_what_is_found_there(data):
+    solver = CmaEs(data, start=SPACE.nominal, seed=1)
     pairs = []
     for _ in range(66):
         trial = solver.ask()
@@ -45,6 +45,6 @@ def test_what_candidates_are_judged_by_is_what_is_found_there(evidence):
     claimed, exact = np.array(pairs[1:]).T  # before the first nothing is claimed
     np.testing.assert_allclose(claimed, exact, rtol=0.01)
     best = solver.best
-    residual = evidence.residual(outputs(best.parameters[None], best.offsets[None]))
-    assert best.error == pytest.approx(np.sqrt(np.square(residual).sum() / evidence.count), rel=0.01)
+    residual = data.residual(outputs(best.parameters[None], best.offsets[None]))
+    assert best.error == pytest.approx(np.sqrt(np.square(residual).sum() / data.count), rel=0.01)
     np.testing.assert_allclose(best.parameters, TRUTH, atol=0.02)

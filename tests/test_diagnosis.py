@@ -31,7 +31,7 @@ from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.solve.base import Best
 from capture_cli.estimate.solve.intervals import intervals
-from capture_cli.estimate.solve.linearization import Evidence, Linearization
+from capture_cli.estimate.solve.linearization import Data, Linearization
 from capture_cli.estimate.split import UNEQUAL, Divided, NewSplit
 from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
@@ -205,7 +205,7 @@ def test_an_effect_has_to_take_a_tenth_of_what_is_above_the_floor(before, after,
 def left_by(errors: list[float]) -> Fit:
     """A fit that leaves `errors` (output,) times the noise floor."""
     size = len(errors)
-    evidence = Evidence(
+    data = Data(
         ParameterSpace([]),
         np.zeros((2, 50, size)),
         np.ones((2, 50, size), dtype=bool),
@@ -214,8 +214,8 @@ def left_by(errors: list[float]) -> Fit:
     )
     none = np.zeros((2, 50 * size, 0))
     residual = np.broadcast_to(errors, (2, 50, size)).reshape(2, -1)
-    at = Linearization(evidence, np.zeros(0), np.zeros((2, 1)), residual, none, none)
-    return Fit((), evidence.space, np.zeros(0), at)
+    at = Linearization(data, np.zeros(0), np.zeros((2, 1)), residual, none, none)
+    return Fit((), data.space, np.zeros(0), at)
 
 
 def test_candidates_that_say_the_same_leave_room_for_others():
@@ -258,14 +258,14 @@ def _scored(
 def test_intervals_reach_to_minima_that_are_nearly_as_good():
     """Of a residual that grows with x from either of two places, the descent has found one."""
     space = ParameterSpace([Parameter("a", "1", 0.0, 1.0, 0.5)])
-    evidence = Evidence(space, np.zeros((1, 50, 1)), np.ones((1, 50, 1), bool), np.ones(1), np.zeros((1, 0)))
+    data = Data(space, np.zeros((1, 50, 1)), np.ones((1, 50, 1), bool), np.ones(1), np.zeros((1, 0)))
     slope = np.full((1, 50, 1), 20.0)
     noise = np.random.default_rng(0).standard_normal((1, 50))
     noise -= noise.mean()
 
     def minimum(x: float, more: float) -> Linearization:
         residual = noise * np.sqrt(1 + more / np.square(noise).sum())
-        return Linearization(evidence, np.array([x]), np.zeros((1, 0)), residual, slope, np.zeros((1, 50, 0)))
+        return Linearization(data, np.array([x]), np.zeros((1, 0)), residual, slope, np.zeros((1, 50, 0)))
 
     alone = intervals(minimum(0.5, 0.0)).sd[0]
     beside = intervals(minimum(0.5, 0.0), [minimum(0.6, 0.5)]).sd[0]
@@ -708,14 +708,14 @@ def test_what_was_found_is_said_where_it_is_interrupted(logs, tmp_path, monkeypa
 
 def of_one_mass(x: float, residual: np.ndarray, by_mass: np.ndarray) -> Linearization:
     """At `x` of the mass's range, in three windows of 40 steps; by_mass (window, step, 1)."""
-    evidence = Evidence(
+    data = Data(
         ParameterSpace([Parameter("mass", "kg", 0.0, 1.0, 0.5)]),
         np.zeros((3, 40, 1)),
         np.ones((3, 40, 1), dtype=bool),
         np.ones(1),
         np.zeros((3, 0)),
     )
-    return Linearization(evidence, np.array([x]), np.zeros((3, 0)), residual, by_mass, np.zeros((3, 40, 0)))
+    return Linearization(data, np.array([x]), np.zeros((3, 0)), residual, by_mass, np.zeros((3, 40, 0)))
 
 
 @pytest.mark.parametrize(("x", "unabsorbed"), [(0.5, 0.0), (1.0, 1.0)])
@@ -745,12 +745,10 @@ def test_a_parameter_that_is_held_at_its_bound_is_held_although_the_effect_would
 def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verdict):
     lacking = [LackOfFit(n, 1.1, 1.0, np.array([n]), np.array([1.2])) for n in (2.0, 1.0)]
     mask = np.ones((4, 50), dtype=bool)
-    evidence = Evidence(
-        ParameterSpace([]), np.zeros((4, 50, 1)), mask[..., None], np.ones(1), np.zeros((4, 2))
-    )
+    data = Data(ParameterSpace([]), np.zeros((4, 50, 1)), mask[..., None], np.ones(1), np.zeros((4, 2)))
     residuals = [np.full((4, 50), error) for error in (without, with_it)]
-    before = PartFit(evidence, np.zeros((4, 2)), residuals[0], np.zeros(4))
-    after = HeldOut(lack_held_out(evidence, residuals[1]))
+    before = PartFit(data, np.zeros((4, 2)), residuals[0], np.zeros(4))
+    after = HeldOut(lack_held_out(data, residuals[1]))
     accepted = [SimpleNamespace(tied_with=[])]
     assert judged_as(*lacking, before, after, accepted) == verdict
 

@@ -11,7 +11,7 @@ import pytest
 from held_inputs import held_machine
 
 from capture_cli.estimate.part_fit import PartFit
-from capture_cli.estimate.solve.linearization import Evidence
+from capture_cli.estimate.solve.linearization import Data
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.select import balance_round, model_comparison
@@ -44,12 +44,10 @@ def judged_by_residual(residual: np.ndarray) -> SimpleNamespace:
     """A candidate without parameters that leaves this residual (window, step) where it is judged."""
     space = ParameterSpace([Parameter("mass", "kg", 0.0, 1.0, 0.5)])
     shape = (*residual.shape, 1)
-    evidence = Evidence(
-        space, np.zeros(shape), np.ones(shape, dtype=bool), np.ones(1), np.zeros((len(residual), 2))
-    )
+    data = Data(space, np.zeros(shape), np.ones(shape, dtype=bool), np.ones(1), np.zeros((len(residual), 2)))
     offsets = np.zeros((len(residual), 2))
     return SimpleNamespace(
-        select=PartFit(evidence, offsets, residual, np.zeros(len(residual))),
+        select=PartFit(data, offsets, residual, np.zeros(len(residual))),
         placed=SimpleNamespace(effect=SimpleNamespace(parameters=())),
         score=None,
         fit=None,

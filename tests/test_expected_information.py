@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.estimate.noise.noise_floor import NoiseFloor
-from capture_cli.estimate.solve.linearization import Evidence, Linearization
+from capture_cli.estimate.solve.linearization import Data, Linearization
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks import load_task
 from capture_cli.select.experiment.expected_information import SETTINGS as EXPECTED_INFORMATION
@@ -64,9 +64,9 @@ def linearization(by_parameter: np.ndarray) -> Linearization:
     """Of windows whose starts are known, in units of the noise; by_parameter (window, row, axis)."""
     windows, rows, axes = by_parameter.shape
     silent = np.zeros((windows, rows, 1))
-    evidence = Evidence(SPACE, silent, silent == 0, np.ones(1), np.zeros((windows, 0)))
+    data = Data(SPACE, silent, silent == 0, np.ones(1), np.zeros((windows, 0)))
     return Linearization(
-        evidence,
+        data,
         np.full(axes, 0.5),
         np.zeros((windows, 0)),
         np.zeros((windows, rows)),

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from capture_cli.estimate.solve.linearization import Evidence, Linearization
+from capture_cli.estimate.solve.linearization import Data, Linearization
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import Parameter, ParameterSpace
@@ -27,7 +27,7 @@ def fitted():
     def fitted(effect, left: np.ndarray, response: np.ndarray):
         noise = np.random.default_rng(0).standard_normal(STEPS)
         ramp = 1e3 * np.linspace(0, 1, STEPS)[None, :, None]
-        evidence = Evidence(
+        data = Data(
             ParameterSpace([Parameter("friction", "N", 0.0, 1.0, 0.5)]),
             np.zeros((1, STEPS, 1)),
             np.ones((1, STEPS, 1), dtype=bool),
@@ -35,7 +35,7 @@ def fitted():
             np.zeros((1, 0)),
         )
         nothing = np.zeros((1, STEPS, 0))
-        at = Linearization(evidence, np.array([0.5]), np.zeros((1, 0)), (left + noise)[None], ramp, nothing)
+        at = Linearization(data, np.array([0.5]), np.zeros((1, 0)), (left + noise)[None], ramp, nothing)
 
         def probe(part, fit, placed, probes, states):
             shares = (probes - effect.space.nominal) / effect.space.span

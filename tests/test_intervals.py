@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from capture_cli.estimate.solve.intervals import Intervals, unit_covariance
-from capture_cli.estimate.solve.linearization import Evidence, Linearization
+from capture_cli.estimate.solve.linearization import Data, Linearization
 from capture_cli.model.parameters import Parameter, ParameterSpace
 
 
@@ -26,7 +26,7 @@ def test_noise_of_an_attitude_is_about_three_axes(level):
     error, slope = (across(generator.standard_normal(attitude.shape)) for _ in range(2))
     error *= noise
     floor = np.sqrt(np.square(error).mean())
-    evidence = Evidence(
+    data = Data(
         ParameterSpace([Parameter("inertia", "kg m^2", 0.0, 1.0, 0.5)]),
         np.zeros(attitude.shape),
         np.ones(attitude.shape, dtype=bool),
@@ -37,7 +37,7 @@ def test_noise_of_an_attitude_is_about_three_axes(level):
     residual, by_parameter = (values.reshape(windows, -1) / floor for values in (error, slope))
     nothing = np.zeros((windows, steps * 4, 0))
     at = Linearization(
-        evidence, np.array([0.5]), np.zeros((windows, 0)), residual, by_parameter[..., None], nothing
+        data, np.array([0.5]), np.zeros((windows, 0)), residual, by_parameter[..., None], nothing
     )
     covariance, _ = unit_covariance(at)
     assert covariance[0, 0] == pytest.approx(noise**2 / np.square(slope).sum(), rel=0.05)

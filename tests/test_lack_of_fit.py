@@ -11,7 +11,7 @@ import pytest
 from capture_cli.errors import LogError
 from capture_cli.estimate.noise.lack_of_fit import by_chance, lack_held_out, lack_of_fit
 from capture_cli.estimate.prepare import prepare
-from capture_cli.estimate.solve.linearization import Evidence, Linearization
+from capture_cli.estimate.solve.linearization import Data, Linearization
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks import load_task
@@ -20,12 +20,12 @@ from capture_cli.stages.record import record
 ARM = Path(__file__).parents[1] / "benchmarks" / "machines" / "arm" / "task.toml"
 
 
-def left(*errors: float, attitudes=(), windows=10, steps=100, seed=0) -> tuple[Evidence, np.ndarray]:
+def left(*errors: float, attitudes=(), windows=10, steps=100, seed=0) -> tuple[Data, np.ndarray]:
     """White residuals of outputs, each so many times its noise floor."""
     shape = (windows, steps, len(errors))
     noise = np.random.default_rng(seed).standard_normal(shape)
     noise *= np.array(errors) / np.sqrt(np.square(noise).mean(axis=(0, 1)))
-    evidence = Evidence(
+    data = Data(
         ParameterSpace([]),
         np.zeros(shape),
         np.ones(shape, dtype=bool),
@@ -33,12 +33,12 @@ def left(*errors: float, attitudes=(), windows=10, steps=100, seed=0) -> tuple[E
         np.zeros((windows, 0)),
         attitudes=attitudes,
     )
-    return evidence, noise.reshape(windows, steps * len(errors))
+    return data, noise.reshape(windows, steps * len(errors))
 
 
-def of_a_fit(evidence: Evidence, residual: np.ndarray):
+def of_a_fit(data: Data, residual: np.ndarray):
     none = np.zeros((*residual.shape, 0))
-    return lack_of_fit(Linearization(evidence, np.zeros(0), np.zeros((10, 0)), residual, none, none))
+    return lack_of_fit(Linearization(data, np.zeros(0), np.zeros((10, 0)), residual, none, none))
 
 
 def test_one_output_that_is_wrong_among_many_that_are_right_is_lacking():
@@ -64,8 +64,8 @@ def test_the_numbers_of_an_attitude_are_judged_together():
 
 
 def test_what_was_held_out_of_nothing_lacks_nothing():
-    evidence, residual = left(1.0)
-    assert not lack_held_out(evidence.rows(np.arange(0)), residual[:0]).lacking
+    data, residual = left(1.0)
+    assert not lack_held_out(data.rows(np.arange(0)), residual[:0]).lacking
 
 
 def test_the_largest_of_several_errors_may_be_larger_by_chance():

@@ -1,4 +1,4 @@
-"""Descents that get nowhere are given up, and those that get there are not."""
+"""Descents that get nowhere are stopped early, and those that get there are not."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from capture_cli.estimate.solve.base import run
-from capture_cli.estimate.solve.least_squares import GiveUp, LeastSquares
-from capture_cli.estimate.solve.linearization import Evidence, Trial
+from capture_cli.estimate.solve.least_squares import EarlyStop, LeastSquares
+from capture_cli.estimate.solve.linearization import Data, Trial
 from capture_cli.model.parameters import Parameter, ParameterSpace
 
 ROUNDS = 60
@@ -17,9 +17,7 @@ GAIN = 0.002  # of the first error, in each round
 def creeping(to_beat: float) -> tuple[LeastSquares, int]:
     """A descent of an error of 5 whose sensitivities promise everything and whose rounds gain GAIN; rounds it took."""
     space = ParameterSpace([Parameter("a", "1", 0.0, 1.0, 0.5)])
-    evidence = Evidence(
-        space, np.zeros((1, 9, 1)), np.ones((1, 9, 1), dtype=bool), np.ones(1), np.zeros((1, 1))
-    )
+    data = Data(space, np.zeros((1, 9, 1)), np.ones((1, 9, 1), dtype=bool), np.ones(1), np.zeros((1, 1)))
     told = 0
 
     def evaluate(trial: Trial):
@@ -31,32 +29,32 @@ def creeping(to_beat: float) -> tuple[LeastSquares, int]:
         outputs = np.tile((5.0 * inward * moved - left)[:, None, None, None], (1, 1, 9, 1))
         return outputs, np.zeros((len(trial), 1), dtype=bool)
 
-    solver = LeastSquares(evidence, start=space.nominal, starts=1, rounds=ROUNDS, give_up=GiveUp(to_beat))
+    solver = LeastSquares(data, start=space.nominal, starts=1, rounds=ROUNDS, early_stop=EarlyStop(to_beat))
     run(solver, evaluate)
     return solver, told
 
 
 def test_a_descent_that_will_not_get_to_a_rivals_error_in_time_is_given_up():
     solver, rounds = creeping(to_beat=3.0)
-    assert solver.gave_up
+    assert solver.stopped_early
     assert rounds < ROUNDS / 3
 
 
 @pytest.mark.parametrize("to_beat", [4.7, np.inf])
 def test_a_descent_that_will_is_not(to_beat):
     solver, rounds = creeping(to_beat)
-    assert not solver.gave_up
+    assert not solver.stopped_early
     assert rounds == ROUNDS
 
 
 def linear_machine(windows: int, states: int, rows: int, free: np.ndarray):
-    """Evidence of a machine that is linear in two parameters and its starts, and what its simulations give."""
+    """Data of a machine that is linear in two parameters and its starts, and what its simulations give."""
     generator = np.random.default_rng(3)
     by_parameter = generator.normal(size=(windows, rows, 2))
     by_start = generator.normal(size=(windows, rows, states))
     space = ParameterSpace([Parameter(n, "1", 0.0, 1.0, 0.5) for n in "ab"])
     measured = by_parameter.sum(axis=2)[..., None] * 0.3 + generator.normal(size=(windows, rows, 1))
-    evidence = Evidence(space, measured, np.ones(measured.shape, dtype=bool), np.ones(1), 0.1 * free)
+    data = Data(space, measured, np.ones(measured.shape, dtype=bool), np.ones(1), 0.1 * free)
     simulated = []
 
     def evaluate(trial: Trial):
@@ -66,7 +64,7 @@ def linear_machine(windows: int, states: int, rows: int, free: np.ndarray):
         outputs += np.einsum("wrs,tws->twr", by_start, trial.offsets)
         return outputs[..., None], np.zeros((len(trial), windows), dtype=bool)
 
-    return evidence, evaluate, simulated
+    return data, evaluate, simulated
 
 
 def test_what_is_known_of_held_starts_is_not_measured_again_where_they_are_freed():
@@ -79,19 +77,19 @@ def test_what_is_known_of_held_starts_is_not_measured_again_where_they_are_freed
     before = LeastSquares(few, start=few.space.nominal, starts=1)
     best = run(before, evaluate)
 
-    evidence, evaluate, simulated = linear_machine(windows, states, rows, free)
-    known = before.at.known_in(evidence, len(evidence.space), states)
-    known = LeastSquares(evidence, start=best.parameters, offsets=best.offsets, starts=1, known=known)
+    data, evaluate, simulated = linear_machine(windows, states, rows, free)
+    known = before.at.known_in(data, len(data.space), states)
+    known = LeastSquares(data, start=best.parameters, offsets=best.offsets, starts=1, known=known)
     known.tell(*evaluate(known.ask()))
-    full = LeastSquares(evidence, start=best.parameters, offsets=best.offsets, starts=1)
+    full = LeastSquares(data, start=best.parameters, offsets=best.offsets, starts=1)
     full.tell(*evaluate(full.ask()))
     assert simulated[0] < simulated[1]
-    assert (known.at.carried, full.at.carried) == (before.at.carried, 0)
+    assert (known.at.updates, full.at.updates) == (before.at.updates, 0)
     for name in ("residual", "by_parameter", "by_start"):
         np.testing.assert_allclose(getattr(known.at, name), getattr(full.at, name), rtol=1e-6, atol=1e-6)
     free_best = run(known, evaluate)
     assert free_best.error <= best.error
-    assert known.at.carried == 0
+    assert known.at.updates == 0
 
 
 @pytest.mark.parametrize("diverges", (False, True))
@@ -105,7 +103,7 @@ def test_a_window_whose_start_runs_away_does_not_keep_the_others_from_their_step
     truth = np.array([0.3, 0.8])
     measured = by_parameter @ truth + generator.normal(size=(windows, rows))
     measured[0] += 6.0 * by_start[0]
-    evidence = Evidence(
+    data = Data(
         space, measured[..., None], np.ones((windows, rows, 1), dtype=bool), np.ones(1), np.ones((windows, 1))
     )
     simulated = 0
@@ -119,7 +117,7 @@ def test_a_window_whose_start_runs_away_does_not_keep_the_others_from_their_step
         outputs += 1e3 * over[..., None]
         return outputs[..., None], over & diverges
 
-    solver = LeastSquares(evidence, start=space.nominal, starts=1, rounds=ROUNDS)
+    solver = LeastSquares(data, start=space.nominal, starts=1, rounds=ROUNDS)
     best = run(solver, evaluate)
     np.testing.assert_allclose(best.parameters, truth, atol=0.01)
     assert simulated < 100  # of all windows; held back by the one it takes 306

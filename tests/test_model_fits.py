@@ -244,15 +244,15 @@ def test_a_free_number_in_every_window_does_not_make_a_model_the_better_one(tmp_
 
 def _hold_hidden(monkeypatch) -> None:
     """From here on hidden states are 0 in every window."""
-    evidence = PreparedLog.evidence
+    data = PreparedLog.data
 
     def held(self, simulator):
-        free = evidence(self, simulator)
+        free = data(self, simulator)
         sd = free.start_sd.copy()
         sd[:, self.starts.sd.shape[1] :] = 0.0
         return replace(free, start_sd=sd, hidden_tried=free.hidden_tried[:0])
 
-    monkeypatch.setattr(PreparedLog, "evidence", held)
+    monkeypatch.setattr(PreparedLog, "data", held)
 
 
 def test_offsets_of_the_machine_are_carried_to_another_model_and_hidden_ones_are_not(tmp_path):

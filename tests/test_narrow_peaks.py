@@ -190,7 +190,7 @@ def test_what_pulses_promise_is_what_the_simulated_effect_scores(logs):
     sensitivity = np.moveaxis((fit.at.residual - residual) / 1e-3, 0, -1)
     found = score(fit.at, sensitivity, np.full(2, -1.0), np.ones(2))
     before = float(fit.at.objectives(fit.at.inflation).sum())
-    exact = before / (1 + fit.at.evidence.count / found.gain)  # found.gain is per variance that would be left
+    exact = before / (1 + fit.at.data.count / found.gain)  # found.gain is per variance that would be left
     assert promised == pytest.approx(exact, rel=0.1)
 
 

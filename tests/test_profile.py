@@ -14,7 +14,7 @@ from capture_cli.common.quantities import significant
 from capture_cli.estimate.solve._profile import SETTINGS as PROFILE
 from capture_cli.estimate.solve._profile import one_sided, profile
 from capture_cli.estimate.solve.intervals import intervals
-from capture_cli.estimate.solve.linearization import Evidence, Linearization, Trial, columns
+from capture_cli.estimate.solve.linearization import Data, Linearization, Trial, columns
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.report import findings
 from capture_cli.stages.record import record
@@ -37,11 +37,11 @@ class Log:
         noise = NOISE * np.random.default_rng(seed).standard_normal((windows, STEPS))
         measured = (simulate(*truth) + noise)[..., None]
         mask = np.ones_like(measured, dtype=bool)
-        evidence = Evidence(space, measured, mask, np.array([NOISE]), np.ones((windows, 0)))
+        data = Data(space, measured, mask, np.array([NOISE]), np.ones((windows, 0)))
         x, offsets = np.array(at), np.zeros((windows, 0))
         for _ in range(4):
-            trial = columns(evidence, x, offsets)
-            self.at = Linearization.from_columns(evidence, x, offsets, *self.evaluate(trial))
+            trial = columns(data, x, offsets)
+            self.at = Linearization.from_columns(data, x, offsets, *self.evaluate(trial))
             x = np.clip(x + self.at.whole_step, 0, 1)
         self.intervals = intervals(self.at)
         self.count = 0
@@ -159,7 +159,7 @@ def test_what_shows_in_many_windows_costs_nothing():
 
 def test_an_interval_is_never_narrower_for_it():
     log = Log(lambda p: 0.05 * p * TIME, (0.5,), (0.5,))
-    found, space = log.intervals, log.at.evidence.space
+    found, space = log.intervals, log.at.data.space
     for excluded in ([[0.49, 0.51]], [[0.0, 1.0]], [[0.01, 0.51]]):
         limited = found.limited(space, [0], np.array(excluded))
         assert limited.identifiable.all()

@@ -11,7 +11,7 @@ from scipy.stats import binom, truncnorm
 from capture_cli.estimate.solve._sampled_posterior import SETTINGS as SAMPLED_POSTERIOR
 from capture_cli.estimate.solve._sampled_posterior import is_rough, sampled_posterior
 from capture_cli.estimate.solve.intervals import intervals, unit_covariance
-from capture_cli.estimate.solve.linearization import Evidence, Linearization, Trial, columns
+from capture_cli.estimate.solve.linearization import Data, Linearization, Trial, columns
 from capture_cli.model.parameters import Parameter, ParameterSpace
 
 STEPS = 400
@@ -25,16 +25,14 @@ def linearized(simulate, at: float, truth: float, starts: int = 0, seed: int = 3
     noise = NOISE * np.random.default_rng(seed).standard_normal(STEPS)
     measured = (simulate(truth) + noise)[None, :, None]
     mask = np.ones_like(measured, dtype=bool)
-    evidence = Evidence(space, measured, mask, np.array([NOISE]), np.ones((1, starts)))
+    data = Data(space, measured, mask, np.array([NOISE]), np.ones((1, starts)))
 
     def evaluate(trial: Trial):
         outputs = np.stack([simulate(p[0]) for p in trial.parameters])[:, None, :, None]
         return outputs, np.zeros((len(trial), 1), dtype=bool)
 
     x, offsets = np.array([at]), np.zeros((1, starts))
-    return Linearization.from_columns(
-        evidence, x, offsets, *evaluate(columns(evidence, x, offsets))
-    ), evaluate
+    return Linearization.from_columns(data, x, offsets, *evaluate(columns(data, x, offsets))), evaluate
 
 
 def ramp(com: float) -> np.ndarray:
@@ -64,7 +62,7 @@ def test_two_parameters_that_are_nearly_one_are_compared_along_their_ridge(ratio
     noise = sd * np.random.default_rng(3).standard_normal(STEPS)
     noise -= shapes.T @ np.linalg.lstsq(shapes.T, noise, rcond=None)[0]  # the estimate is the best
     measured = noise[None, :, None]
-    evidence = Evidence(space, measured, measured != 0, np.array([sd]), np.ones((1, 0)))
+    data = Data(space, measured, measured != 0, np.array([sd]), np.ones((1, 0)))
     asked = []
 
     def evaluate(trial: Trial):
@@ -74,7 +72,7 @@ def test_two_parameters_that_are_nearly_one_are_compared_along_their_ridge(ratio
         return outputs[:, None, :, None], np.zeros((len(trial), 1), dtype=bool)
 
     x, offsets = np.full(2, 0.5), np.zeros((1, 0))
-    at = Linearization.from_columns(evidence, x, offsets, *evaluate(columns(evidence, x, offsets)))
+    at = Linearization.from_columns(data, x, offsets, *evaluate(columns(data, x, offsets)))
     covariance, _ = unit_covariance(at)
     assert abs(covariance[0, 1]) > 0.99 * np.sqrt(np.diag(covariance).prod())
     assert not is_rough(at, covariance, evaluate)
@@ -136,7 +134,7 @@ def test_at_a_bound_the_posterior_is_cut_and_not_heaped_up(off):
     means = []
     for seed in range(LOGS):
         space = ParameterSpace([Parameter("com", "m", 0.0, 1.0, 0.5)])
-        evidence = Evidence(
+        data = Data(
             space,
             np.zeros((1, STEPS, 1)),
             np.ones((1, STEPS, 1), dtype=bool),
@@ -149,6 +147,6 @@ def test_at_a_bound_the_posterior_is_cut_and_not_heaped_up(off):
             return outputs, np.zeros((len(trial), 1), dtype=bool)
 
         x, offsets = np.array([max(centre, 0.0)]), np.zeros((1, 0))
-        at = Linearization.from_columns(evidence, x, offsets, *evaluate(columns(evidence, x, offsets)))
+        at = Linearization.from_columns(data, x, offsets, *evaluate(columns(data, x, offsets)))
         means.append(sampled_posterior(at, np.array([[sd**2]]), evaluate, seed).mean[0])
     assert np.mean(means) == pytest.approx(truth.mean(), abs=0.1 * truth.std())

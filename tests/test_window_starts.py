@@ -8,7 +8,7 @@ from setting_numbers import set_numbers
 
 from capture_cli.estimate.initial_states import refined as _window_starts
 from capture_cli.estimate.initial_states.refined import fit_starts
-from capture_cli.estimate.solve.linearization import Evidence
+from capture_cli.estimate.solve.linearization import Data
 from capture_cli.model.parameters import ParameterSpace
 
 WINDOWS, STEPS = 5, 20
@@ -25,7 +25,7 @@ def outputs(offsets: np.ndarray) -> np.ndarray:
 def fitted(also: float | None = None, counted: list[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Offsets (window,) and the largest residual of each window; counted: how many windows each call simulates."""
     noise = np.random.default_rng(0).normal(size=(WINDOWS, STEPS, 1))
-    evidence = Evidence(
+    data = Data(
         ParameterSpace([]), noise, np.ones(noise.shape, dtype=bool), np.ones(1), np.ones((WINDOWS, 1))
     )
 
@@ -37,7 +37,7 @@ def fitted(also: float | None = None, counted: list[int] | None = None) -> tuple
         return outputs(offsets)[:, keep], np.zeros((len(trial), len(keep)), dtype=bool)
 
     also = None if also is None else np.full((WINDOWS, 1), also)
-    found = fit_starts(evidence, evaluate, np.full((WINDOWS, 1), -0.3), tolerance=1e-3, also=also)
+    found = fit_starts(data, evaluate, np.full((WINDOWS, 1), -0.3), tolerance=1e-3, also=also)
     return found.offsets[:, 0], np.abs(found.residual).max(axis=1)
 
 

@@ -71,8 +71,8 @@ def checkpointed_part(method: Callable[..., PartFit]) -> Callable[..., PartFit]:
             return make()
         given = [part, fit, *more, *options.values()]
         values = made_or_taken(fits, "on", fit.effects, given, lambda: what_is_there(make(), LEFT))
-        evidence = replace(part.evidence(fits.simulator(fit.effects)), space=ParameterSpace([]))
-        return PartFit(evidence, **values)
+        data = replace(part.data(fits.simulator(fit.effects)), space=ParameterSpace([]))
+        return PartFit(data, **values)
 
     return on
 
@@ -136,5 +136,5 @@ def _as_fit(values: Values, fits: ModelFits, part: PreparedLog, effects: Sequenc
     simulator = fits.simulator(effects)
     slopes = [np.moveaxis(values[n], 0, -1) for n in ("by_parameter", "by_start")]
     found = (values[n] for n in ("x", "offsets", "residual"))
-    at = Linearization(part.evidence(simulator), *found, *slopes)
+    at = Linearization(part.data(simulator), *found, *slopes)
     return Fit(tuple(effects), simulator.space, values["point"], at, values["finished"])

@@ -86,17 +86,17 @@ def _disagreement(
     """By which share of it a slope differs from that over the next of `steps`, (step, parameter), starts eliminated; 0
     of a parameter that shows nowhere.
     """
-    evidence = replace(part.evidence(simulator), start_step=LINEARIZATION.rough_start_step)
+    data = replace(part.data(simulator), start_step=LINEARIZATION.rough_start_step)
     space = simulator.space
     x = space.to_unit(point)
     towards = np.where(x < 0.5, 1.0, -1.0)
     moves = np.array([np.diag(step * towards) for step in SETTINGS.steps])
     points = (x + moves).reshape(-1, len(x))
-    outputs, lost = part.evaluate(simulator, columns(evidence, x, offsets, parameters=False))
-    at = Linearization.from_columns(evidence, x, offsets, outputs, lost, parameters=False)
+    outputs, lost = part.evaluate(simulator, columns(data, x, offsets, parameters=False))
+    at = Linearization.from_columns(data, x, offsets, outputs, lost, parameters=False)
     trial = Trial(space.from_unit(points), np.repeat(offsets[None], len(points), axis=0))
     outputs, diverged = part.evaluate(simulator, trial)
-    change = (evidence.residual(outputs) - at.residual) * ~(diverged.any(axis=0) | lost[0])[:, None]
+    change = (data.residual(outputs) - at.residual) * ~(diverged.any(axis=0) | lost[0])[:, None]
     slope = (
         change.reshape(len(SETTINGS.steps), len(x), *at.residual.shape)
         / np.array(SETTINGS.steps)[:, None, None, None]

@@ -74,4 +74,4 @@ def _may_be_stuck(fit: Fit, rival: Fit | None) -> bool:
     """
     if rival is not None and rival.error <= fit.error and not lack_of_fit(rival.at).lacking:
         return False
-    return lack_of_fit(fit.at).lacking or len(fit.at.evidence.standing_out(fit.at.residual)) > 0
+    return lack_of_fit(fit.at).lacking or len(fit.at.data.standing_out(fit.at.residual)) > 0

@@ -34,7 +34,7 @@ class SETTINGS:
 class Fit:
     """A fitted model: its effects, space and point (parameter,), and its linearization on the part it was fitted to.
 
-    finished: False where it was given up, behind a rival.
+    finished: False where it was stopped early, behind a rival.
     """
 
     effects: tuple[Placed, ...]
@@ -73,23 +73,23 @@ class Fit:
 
         So that a model is not the better one for having a free number more in every window.
         """
-        share = self.at.fitted_hidden.sum() / self.at.evidence.count
+        share = self.at.fitted_hidden.sum() / self.at.data.count
         return float(np.square(self.at.residual).sum() * (1 + share))
 
     @property
     def error(self) -> float:
         """RMSE over the noise floor, over all outputs."""
-        return float(np.sqrt(np.square(self.at.residual).sum() / self.at.evidence.count))
+        return float(np.sqrt(np.square(self.at.residual).sum() / self.at.data.count))
 
     @cached_property
     def excess(self) -> float:
         """Squared error above the noise floor, per sample, of the outputs that are above it: one whose floor is too
         high makes up for nothing in another.
         """
-        evidence = self.at.evidence
-        squares = np.square(self.at.residual.reshape(evidence.measured.shape)).sum(axis=(0, 1))
-        above = np.maximum(squares - evidence.mask.sum(axis=(0, 1)), 0.0)
-        return float(above.sum() / evidence.count)
+        data = self.at.data
+        squares = np.square(self.at.residual.reshape(data.measured.shape)).sum(axis=(0, 1))
+        above = np.maximum(squares - data.mask.sum(axis=(0, 1)), 0.0)
+        return float(above.sum() / data.count)
 
 
 def least(fits: Sequence[Fit | None]) -> Fit | None:
@@ -109,7 +109,7 @@ def thinned(part: PreparedLog, fit: Fit) -> tuple[PreparedLog, Linearization]:
     rows = few.windows.measured.shape[1] * few.windows.measured.shape[2]  # its longest window may be gone
     return few, replace(
         at,
-        evidence=replace(at.evidence, measured=few.windows.measured, mask=few.windows.sampled),
+        data=replace(at.data, measured=few.windows.measured, mask=few.windows.sampled),
         residual=at.residual[:, :rows],
         by_parameter=at.by_parameter[:, :rows],
         by_start=at.by_start[:, :rows],

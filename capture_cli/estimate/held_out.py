@@ -56,7 +56,7 @@ def held_out(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_
     covariance (parameter, parameter): of the fit's error. on: the whole log at the fit's parameters.
     """
     test = on.rows(is_test)
-    lack = lack_held_out(test.evidence, test.residual)
+    lack = lack_held_out(test.data, test.residual)
     if not lack.lacking or lack_of_fit(fit.at).lacking:
         return HeldOut(lack)
     whole = _whole(fits, fit, covariance, on, is_test) if len(fit.space) else None
@@ -95,7 +95,7 @@ def _begin(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit) -> np
 def _leaves_nothing(whole: Fit, is_test: np.ndarray) -> bool:
     """Whether the fit to the whole log leaves nothing but noise in it, and in the windows `is_test` (window,) alone."""
     test = PartFit.of(whole.at).rows(is_test)
-    return not lack_of_fit(whole.at).lacking and not lack_held_out(test.evidence, test.residual).lacking
+    return not lack_of_fit(whole.at).lacking and not lack_held_out(test.data, test.residual).lacking
 
 
 def _loss(whole: Fit, on: PartFit, fitted: np.ndarray) -> float:

@@ -205,12 +205,12 @@ def _moves_outputs(
     """Whether outputs differ where each of the parameters `columns` is as in `to` and not as in `base` (parameter,), in
     the unit cube, and whether both were simulated in some window, (column,) each.
     """
-    evidence = part.evidence(simulator)
+    data = part.data(simulator)
     moved = np.repeat(base[None], 1 + len(columns), axis=0)
     moved[np.arange(1, len(moved)), columns] = to[columns]
-    offsets = np.zeros((len(moved), *evidence.start_sd.shape))
+    offsets = np.zeros((len(moved), *data.start_sd.shape))
     outputs, diverged = part.evaluate(simulator, Trial(simulator.space.from_unit(moved), offsets))
-    change = np.abs(evidence.residual(outputs[1:]) - evidence.residual(outputs[:1])).max(axis=2)
+    change = np.abs(data.residual(outputs[1:]) - data.residual(outputs[:1])).max(axis=2)
     valid = ~(diverged[1:] | diverged[:1])
     moves_least = 1e-4  # of the noise floor: less is nothing
     return (valid & (change > moves_least)).any(axis=1), valid.any(axis=1)

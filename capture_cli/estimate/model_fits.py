@@ -20,9 +20,9 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Best, Trial, run
 from capture_cli.estimate.solve.intervals import unit_covariance
 from capture_cli.estimate.solve.least_squares import SETTINGS as LEAST_SQUARES
-from capture_cli.estimate.solve.least_squares import GiveUp, LeastSquares
+from capture_cli.estimate.solve.least_squares import EarlyStop, LeastSquares
 from capture_cli.estimate.solve.linearization import (
-    Evidence,
+    Data,
     Known,
     Linearization,
     best_trials,
@@ -45,10 +45,10 @@ class SETTINGS:
 class Effort:
     """How hard a fit is tried. rounds, tolerance, starts and seed are those of LeastSquares.
 
-    rival: a fit of the same part; this one is given up where it stays far behind, later where it has fewer parameters:
-    of two that do as well it would be the better. to_reach: the error that is asked of it; it is given up, as late,
-    where it stays far above. needed: the error above which the model is of no use; it is given up where it does not
-    promise to get there.
+    rival: a fit of the same part; this one is stopped early where it stays far behind, less early where it has fewer
+    parameters: of two that do as well it would be the better. to_reach: the error that is asked of it; it is stopped,
+    less early, where it stays far above. needed: the error above which the model is of no use; it is stopped where it
+    does not promise to get there.
     """
 
     rounds: int = SETTINGS.fit_rounds
@@ -145,11 +145,11 @@ class ModelFits:
         Starts that stood in for what a model lacked are far from those of a model that has it.
         """
         simulator = self.simulator(effects)
-        evidence = part.evidence(simulator)
+        data = part.data(simulator)
         trials = np.tile(np.stack(begins), (len(points), 1, 1))
         each = np.repeat(np.stack(points), len(begins), axis=0)
         outputs, diverged = part.evaluate(simulator, Trial(each, trials))
-        values = trial_objectives(evidence, trials, outputs, diverged, 1.0)
+        values = trial_objectives(data, trials, outputs, diverged, 1.0)
         values = values.reshape(len(points), len(begins), -1)
         best = int(np.argmin(values.min(axis=1).sum(axis=1)))
         return points[best], best_trials(np.stack(begins), values[best])[0]
@@ -170,18 +170,18 @@ class ModelFits:
         if not any(effect.states_anywhere and effect.states for _, effect in new):
             return offsets
         simulator = self.simulator(effects)
-        evidence = part.evidence(simulator)
-        found = np.zeros(evidence.start_sd.shape) if offsets is None else offsets
+        data = part.data(simulator)
+        found = np.zeros(data.start_sd.shape) if offsets is None else offsets
         state = found.shape[1] - sum(len(effect.states) for _, effect in new)
         for _, effect in new:
             own = slice(state, state + len(effect.states))
             state = own.stop
             if effect.states_anywhere and effect.states:
                 trials = np.repeat(found[None], len(effect.states_tried), axis=0)
-                trials[:, :, own] = effect.states_tried[:, None] * (evidence.start_sd[:, own] > 0)
+                trials[:, :, own] = effect.states_tried[:, None] * (data.start_sd[:, own] > 0)
                 points = np.repeat(point[None], len(trials), axis=0)
                 outputs, diverged = part.evaluate(simulator, Trial(points, trials))
-                found, _ = best_trials(trials, trial_objectives(evidence, trials, outputs, diverged, 1.0))
+                found, _ = best_trials(trials, trial_objectives(data, trials, outputs, diverged, 1.0))
         return found
 
     def _descended(
@@ -196,35 +196,37 @@ class ModelFits:
         """Where least squares from `start` (parameter,) and `offsets` (window, state) ends; as `fit`."""
         rival, to_reach, tolerance = effort.rival, effort.to_reach, effort.tolerance
         simulator = self.simulator(effects)
-        evidence = part.evidence(simulator)
+        data = part.data(simulator)
         measured = tolerance < FIT.tolerance
         simpler = rival is not None and len(simulator.space) < len(rival.space)
         to_beat = to_reach if rival is None else min(to_reach, rival.error)
         later = simpler or np.isfinite(to_reach)
         patience = LEAST_SQUARES.long_patience if later else LEAST_SQUARES.patience
         solver = LeastSquares(
-            evidence,
+            data,
             start=start,
             offsets=offsets,
-            known=None if near is None else self._known(near, effects, evidence),
+            known=None if near is None else self._known(near, effects, data),
             starts=effort.starts,
             rounds=effort.rounds,
             tolerance=tolerance,
             seed=effort.seed,
-            give_up=GiveUp(to_beat, patience, effort.needed),
+            early_stop=EarlyStop(to_beat, patience, effort.needed),
             measured=measured,
         )
         best = run(solver, lambda trial: part.evaluate(simulator, trial))
         if not np.isfinite(best.error):
             return None
         fit = self.at(part, effects, best, solver.at, measured=measured)
-        return replace(fit, finished=not (solver.gave_up or fit.error > LEAST_SQUARES.hopeless * to_beat))
+        return replace(
+            fit, finished=not (solver.stopped_early or fit.error > LEAST_SQUARES.hopeless * to_beat)
+        )
 
-    def _known(self, near: Fit, effects: Sequence[Placed], evidence: Evidence) -> Known | None:
+    def _known(self, near: Fit, effects: Sequence[Placed], data: Data) -> Known | None:
         """What `near` says of the sensitivities of a model with `effects`."""
         same = _in_common(near.effects, effects)
-        known = near.at.known_in(evidence, self.parameter_count(same), self._state_count(same))
-        return known and replace(known, carried=known.carried + 1)
+        known = near.at.known_in(data, self.parameter_count(same), self._state_count(same))
+        return known and replace(known, updates=known.updates + 1)
 
     def parameter_count(self, effects: Sequence[Placed]) -> int:
         """How many parameters the task has with `effects`."""
@@ -244,15 +246,15 @@ class ModelFits:
         measured: bool = True,
     ) -> Fit:
         """The fit at what an identifier found on `part`, with the linearization there: a new one where none is `known`,
-        or it was carried along and has to be `measured`.
+        or it was updated and has to be `measured`.
         """
         simulator = self.simulator(effects)
-        if known is not None and not (measured and known.carried):
+        if known is not None and not (measured and known.updates):
             return Fit(tuple(effects), simulator.space, best.parameters, known)
-        evidence = part.evidence(simulator)
+        data = part.data(simulator)
         x = simulator.space.to_unit(best.parameters)
-        outputs, diverged = part.evaluate(simulator, columns(evidence, x, best.offsets))
-        at = Linearization.from_columns(evidence, x, best.offsets, outputs, diverged)
+        outputs, diverged = part.evaluate(simulator, columns(data, x, best.offsets))
+        at = Linearization.from_columns(data, x, best.offsets, outputs, diverged)
         return Fit(tuple(effects), simulator.space, best.parameters, at)
 
     def sharpened(self, part: PreparedLog, fit: Fit) -> Fit:
@@ -269,10 +271,10 @@ class ModelFits:
     def errors(self, part: PreparedLog, points: np.ndarray) -> np.ndarray:
         """RMSE over the noise floor of the task itself at points (candidate, parameter); inf where one diverged."""
         simulator = self.simulator([])
-        evidence = part.evidence(simulator)
-        trial = Trial(points, np.zeros((len(points), *evidence.start_sd.shape)))
+        data = part.data(simulator)
+        trial = Trial(points, np.zeros((len(points), *data.start_sd.shape)))
         outputs, diverged = part.evaluate(simulator, trial)
-        square = np.square(evidence.residual(outputs)).sum(axis=(1, 2)) / evidence.count
+        square = np.square(data.residual(outputs)).sum(axis=(1, 2)) / data.count
         return np.where(diverged.any(axis=1) | ~np.isfinite(square), np.inf, np.sqrt(square))
 
     def nearest(self, part: PreparedLog, points: np.ndarray) -> np.ndarray:
@@ -286,7 +288,7 @@ class ModelFits:
         """
         offsets = np.repeat(on.offsets[None], len(points), axis=0)
         outputs, diverged = part.evaluate(self.simulator(fit.effects), Trial(points, offsets))
-        return trial_objectives(on.evidence, offsets, outputs, diverged, fit.at.inflation).sum(axis=1)
+        return trial_objectives(on.data, offsets, outputs, diverged, fit.at.inflation).sum(axis=1)
 
     @checkpointed_part
     def on(
@@ -322,15 +324,15 @@ class ModelFits:
         from `offsets` and, where given, `also` (window, state) on.
         """
         simulator = self.simulator(fit.effects)
-        evidence = replace(part.evidence(simulator), space=ParameterSpace([]))
+        data = replace(part.data(simulator), space=ParameterSpace([]))
 
         def evaluate(keep: np.ndarray, trial: Trial):
             points = np.repeat(fit.point[None], len(trial), axis=0)
             outputs, diverged = part.part(keep).evaluate(simulator, Trial(points, trial.offsets))
-            padding = evidence.measured.shape[1] - outputs.shape[2]
+            padding = data.measured.shape[1] - outputs.shape[2]
             return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
 
-        return fit_starts(evidence, evaluate, offsets, tolerance=tolerance, also=also, thorough=thorough)
+        return fit_starts(data, evaluate, offsets, tolerance=tolerance, also=also, thorough=thorough)
 
     def probe(
         self,
@@ -346,15 +348,15 @@ class ModelFits:
         state): of its own, alike in all windows; 0 where None.
         """
         simulator = self.simulator((*fit.effects, effect))
-        evidence = part.evidence(simulator)
+        data = part.data(simulator)
         points = np.concatenate([np.repeat(fit.point[None], len(probes), axis=0), probes], axis=1)
-        offsets = np.zeros((len(probes), *evidence.start_sd.shape))
+        offsets = np.zeros((len(probes), *data.start_sd.shape))
         carried = fit.offsets.shape[1]
         offsets[:, :, :carried] = fit.offsets  # the new effect's own states come last
         if states is not None:
             offsets[:, :, carried : carried + states.shape[1]] = states[:, None]
         outputs, diverged = part.evaluate(simulator, Trial(points, offsets))
-        return evidence.residual(outputs), diverged.any(axis=1)
+        return data.residual(outputs), diverged.any(axis=1)
 
     def motion(self, part: PreparedLog, fit: Fit, offsets: np.ndarray | None = None) -> Motion:
         """What happens inside every window of the part, its starts at `offsets` (those of the fit where None)."""

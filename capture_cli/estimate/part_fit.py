@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture_cli.estimate.noise.autocorrelation import block_squares, correlation_steps
-from capture_cli.estimate.solve.base import Evidence
+from capture_cli.estimate.solve.base import Data
 from capture_cli.estimate.solve.linearization import Linearization
 
 
@@ -20,7 +20,7 @@ class PartFit:
     many free numbers the hidden states of effects amount to, their prior counted.
     """
 
-    evidence: Evidence
+    data: Data
     offsets: np.ndarray
     residual: np.ndarray
     fitted_hidden: np.ndarray
@@ -28,37 +28,37 @@ class PartFit:
     @classmethod
     def of(cls, at: Linearization) -> PartFit:
         """The part that `at` is a linearization on."""
-        return cls(at.evidence, at.offsets, at.residual, at.fitted_hidden)
+        return cls(at.data, at.offsets, at.residual, at.fitted_hidden)
 
     @classmethod
     def concatenate(cls, parts: Sequence[PartFit]) -> PartFit:
         """Several parts as one, padded to one shape."""
-        first = parts[0].evidence
-        steps = max(p.evidence.measured.shape[1] for p in parts)
+        first = parts[0].data
+        steps = max(p.data.measured.shape[1] for p in parts)
         outputs = first.measured.shape[2]
 
         def padded(values: np.ndarray) -> np.ndarray:
             return np.pad(values, [(0, 0), (0, steps - values.shape[1])] + [(0, 0)] * (values.ndim - 2))
 
-        evidence = Evidence(
+        data = Data(
             first.space,
-            np.concatenate([padded(p.evidence.measured) for p in parts]),
-            np.concatenate([padded(p.evidence.mask) for p in parts]),
+            np.concatenate([padded(p.data.measured) for p in parts]),
+            np.concatenate([padded(p.data.mask) for p in parts]),
             first.noise_sd,
-            np.concatenate([p.evidence.start_sd for p in parts]),
+            np.concatenate([p.data.start_sd for p in parts]),
             attitudes=first.attitudes,
         )
-        residual = [padded(p.residual.reshape(p.evidence.measured.shape)) for p in parts]
-        residual = np.concatenate(residual).reshape(len(evidence.measured), steps * outputs)
+        residual = [padded(p.residual.reshape(p.data.measured.shape)) for p in parts]
+        residual = np.concatenate(residual).reshape(len(data.measured), steps * outputs)
         offsets, hidden = (
             np.concatenate([getattr(p, n) for p in parts]) for n in ("offsets", "fitted_hidden")
         )
-        return cls(evidence, offsets, residual, hidden)
+        return cls(data, offsets, residual, hidden)
 
     def rows(self, keep: np.ndarray) -> PartFit:
         """The windows at `keep` alone: their numbers, or a mask (window,)."""
         return PartFit(
-            self.evidence.rows(keep), self.offsets[keep], self.residual[keep], self.fitted_hidden[keep]
+            self.data.rows(keep), self.offsets[keep], self.residual[keep], self.fitted_hidden[keep]
         )
 
     @property
@@ -69,19 +69,19 @@ class PartFit:
     @property
     def _penalty(self) -> np.ndarray:
         """Factor on the squares of each window, (window,), for the free numbers that its hidden states are."""
-        count = self.evidence.mask.sum(axis=(1, 2))
+        count = self.data.mask.sum(axis=(1, 2))
         return 1 + self.fitted_hidden / np.maximum(count, 1)
 
     @property
     def correlation_steps(self) -> float:
         """How many steps of the residual are worth one that is independent."""
-        return correlation_steps(self.residual.reshape(self.evidence.measured.shape), self.evidence.mask)
+        return correlation_steps(self.residual.reshape(self.data.measured.shape), self.data.mask)
 
     def blocks(self, length: int) -> np.ndarray:
         """Penalised squares summed over blocks of about `length` steps, (block,)."""
-        by_step = np.square(self.residual.reshape(self.evidence.measured.shape)).sum(axis=2)
+        by_step = np.square(self.residual.reshape(self.data.measured.shape)).sum(axis=2)
         by_step *= self._penalty[:, None]
-        return block_squares(by_step, self.evidence.mask.any(axis=2), length)
+        return block_squares(by_step, self.data.mask.any(axis=2), length)
 
     @property
     def rmse(self) -> np.ndarray:
@@ -96,13 +96,13 @@ class PartFit:
     @property
     def normalized(self) -> float:
         """RMSE over the noise floor, over all outputs."""
-        return float(np.sqrt(np.square(self.residual).sum() / max(self.evidence.count, 1)))
+        return float(np.sqrt(np.square(self.residual).sum() / max(self.data.count, 1)))
 
     @property
     def in_units(self) -> np.ndarray:
         """Residual (window, step, output) in the outputs' units."""
-        return self.residual.reshape(self.evidence.measured.shape) * self.evidence.noise_sd
+        return self.residual.reshape(self.data.measured.shape) * self.data.noise_sd
 
     def _mean(self, values: np.ndarray) -> np.ndarray:
-        samples = self.evidence.mask.sum(axis=(0, 1))
+        samples = self.data.mask.sum(axis=(0, 1))
         return np.where(samples > 0, values.sum(axis=(0, 1)) / np.maximum(samples, 1), np.nan)

@@ -11,7 +11,7 @@ from capture_cli.estimate.balance.input_timing import InputTiming
 from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.initial_states.from_outputs import StartEstimate
 from capture_cli.estimate.noise.noise_floor import NoiseFloor
-from capture_cli.estimate.solve.base import Evidence, Trial
+from capture_cli.estimate.solve.base import Data, Trial
 from capture_cli.estimate.solve.linearization import SETTINGS as LINEARIZATION
 from capture_cli.estimate.split import Split
 from capture_cli.log.measured_log import MeasuredLog
@@ -81,9 +81,9 @@ class PreparedLog:
         moved = offsets_between(model, self.starts.starts, there)
         return np.where(self.starts.sd > 0, moved, 0.0)
 
-    def evidence(self, simulator: Simulator) -> Evidence:
+    def data(self, simulator: Simulator) -> Data:
         """What identifiers are given. Hidden states of effects are free at the starts, by their unit prior."""
-        return Evidence(
+        return Data(
             simulator.space,
             self.windows.measured,
             self.windows.sampled,

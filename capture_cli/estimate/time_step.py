@@ -59,7 +59,7 @@ def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals)
     k, worse = at.inflation, FIT.as_good
     as_well = 9.0  # of the objective over k: no worse by more, a window is explained as well
     most_windows = 0.75  # of those simulated have to be
-    if at.evidence.rough:
+    if at.data.rough:
         led = _in_steps_of(fits, part, _led(fit, there, k), finer)
         if led is None:
             return None

@@ -119,7 +119,7 @@ class BalanceRound:
         return any(self.models.is_explained(s.fit) for s in found)
 
     def _fit(self, models: Sequence[BalancedModel], smaller: Fit) -> list[FittedSet]:
-        """Those that hold. Fits with hidden states take long: they come last, and are given up where they stay far
+        """Those that hold. Fits with hidden states take long: they come last, and are stopped early where they stay far
         behind.
         """
         found = []

@@ -204,7 +204,7 @@ def _least_gain(fit: Fit, candidate: Candidate) -> float:
     """Of the objective over the variance that is left: a smaller one is no reason to fit the candidate."""
     by_chance = WORTH.smallest_gain + 2 * float(np.log(candidate.shapes_tried))
     above_noise = fit.excess / max(fit.error**2, 1e-300)
-    return max(by_chance, WORTH.promising * above_noise * fit.at.evidence.count)
+    return max(by_chance, WORTH.promising * above_noise * fit.at.data.count)
 
 
 @dataclass(frozen=True)

@@ -129,7 +129,7 @@ def verdict(
     if held_out.lacking:
         return "unexplained"
     # where the whole log moved the parameters, the error that was held out is of those before
-    tested = held_out_before.evidence.count > 0 and held_out.whole is None
+    tested = held_out_before.data.count > 0 and held_out.whole is None
     if tested and accepted and held_out.lack.normalized >= held_out_before.normalized:
         return "unexplained"
     if not before.lacking:

@@ -113,8 +113,8 @@ class ForwardRound:
     def _refit_all(self, candidates: Sequence[Candidate], material: float) -> list[Candidate]:
         """Fit the model with each of the candidates in it; those that are supported, and take `material`."""
         before, best = self.models.judge(self.current), None
-        # fits with hidden states take long: they come last, and are given up where they stay far behind, or promise
-        # less than is asked of them
+        # fits with hidden states take long: they come last, and are stopped early where they stay far behind, or
+        # promise less than is asked of them
         for number, candidate in enumerate(sorted(candidates, key=lambda c: len(c.placed.effect.states))):
             self.on_step("refit", number, len(candidates))
             self._refit(candidate, before, best, material)
@@ -127,8 +127,8 @@ class ForwardRound:
     def _refit(
         self, candidate: Candidate, before: PartFit | None, rival: Fit | None, material: float
     ) -> None:
-        """Fit the model with the candidate in it, and judge; given up where it stays far behind `rival`, or where its
-        hidden states do not promise to take `material`.
+        """Fit the model with the candidate in it, and judge; stopped early where it stays far behind `rival`, or where
+        its hidden states do not promise to take `material`.
         """
         current = self.current
         needed = needed_error(current, material) if candidate.placed.effect.states else np.inf

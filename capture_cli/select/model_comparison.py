@@ -94,7 +94,7 @@ class ModelComparison:
         if len(self.folds.folds) != 1:
             return True  # all windows are fitted
         on = self.judge(fit)
-        if not lack_held_out(on.evidence, on.residual).lacking:
+        if not lack_held_out(on.data, on.residual).lacking:
             return True
         seen, [(_, judged)] = self.folds.seen, self.folds.folds
         both = self.fits.fit(
@@ -108,7 +108,7 @@ class ModelComparison:
         if both is None or lack_of_fit(both.at).lacking:
             return False
         own = PartFit.of(both.at).rows(judged[seen])
-        return not lack_held_out(own.evidence, own.residual).lacking
+        return not lack_held_out(own.data, own.residual).lacking
 
     def screening_about(self, fit: Fit, on_step: Callable[[str, int, int], None]) -> Screening | None:
         """Of the `candidates` in the force balance of a model; None where there is none."""
@@ -147,7 +147,7 @@ class ModelComparison:
         elsewhere: Sequence[np.ndarray] = (),
         needed: float = np.inf,
     ) -> Fit | None:
-        """The fit of the declared model with `effects`: made once, and taken up again where it was given up.
+        """The fit of the declared model with `effects`: made once, and taken up again where it was stopped early.
 
         near: another model's, whose windows' starts it begins with. elsewhere: other points to begin at where the fit
         from `start` (parameter,) leaves something. needed: the error above which it is of no use, as of `ModelFits`.
@@ -409,9 +409,9 @@ def _block_length(judged: PartFit) -> int:
 
 def effective_samples(fit: Fit) -> float:
     """How many independent numbers are in what the fit leaves, beyond those that its windows' starts took."""
-    evidence = fit.at.evidence
-    residual = fit.at.residual.reshape(evidence.measured.shape)
-    return (evidence.count - fit.at.fitted_starts) / correlation_samples(residual, evidence.mask)
+    data = fit.at.data
+    residual = fit.at.residual.reshape(data.measured.shape)
+    return (data.count - fit.at.fitted_starts) / correlation_samples(residual, data.mask)
 
 
 def _key(effects: Sequence[Placed]) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Evidence against an effect that lies in its fit: values at the end of a range, or next to nothing explained."""
+"""Data against an effect that lies in its fit: values at the end of a range, or next to nothing explained."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def needed_error(current: Fit, material: float) -> float:
 
 
 def no_gain(current: Fit, fit: Fit | None, rival: Fit | None) -> str | None:
-    """Why `fit` explains no more than `current`, or None; rival: behind which it may have been given up."""
+    """Why `fit` explains no more than `current`, or None; rival: behind which it may have been stopped early."""
     if fit is not None and fit.penalised_squares < current.penalised_squares:
         return None
     if fit is not None and not fit.finished and rival is not None:

@@ -56,7 +56,7 @@ def score(at: Linearization, sensitivity: np.ndarray, low: np.ndarray, high: np.
     left = hessian[size:, size:] - hessian[size:, :size] @ imitation
     total = np.square(sensitivity).sum()
     projected = _project(at, sensitivity - at.by_parameter @ imitation, k)
-    remaining = max(float(at.objectives(k).sum()) - gain, 1e-3 * gain, 1e-300) / at.evidence.count
+    remaining = max(float(at.objectives(k).sum()) - gain, 1e-3 * gain, 1e-300) / at.data.count
     return Score(
         gain=max(gain / max(remaining, 1.0), 0.0),
         amplitudes=step[size:],

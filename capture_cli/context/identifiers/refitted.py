@@ -7,7 +7,7 @@ import numpy as np
 from capture_cli.common.frozen import frozen
 from capture_cli.context.identifiers.base import RoundIdentifier, finite
 from capture_cli.estimate.solve.base import Identifier
-from capture_cli.estimate.solve.linearization import Evidence, Trial
+from capture_cli.estimate.solve.linearization import Data, Trial
 
 
 @frozen
@@ -62,7 +62,7 @@ class Refitted(RoundIdentifier):
 
     def _fit(self, pair: int, measured: np.ndarray) -> Identifier:
         """A fit to measured (episode, point, feature); there are no starts to refine: an action fixes its own."""
-        evidence = Evidence(
+        data = Data(
             self.space,
             measured,
             np.ones(measured.shape, dtype=bool),
@@ -70,9 +70,9 @@ class Refitted(RoundIdentifier):
             np.zeros((len(measured), 0)),
         )
         before = self._fits[pair]
-        carried_on = None if before is None else before.carried_on(evidence, SETTINGS.effort)
+        carried_on = None if before is None else before.carried_on(data, SETTINGS.effort)
         return carried_on or self.method(
-            evidence,
+            data,
             start=self._best[pair],
             seed=self.seed + pair,
             rounds=SETTINGS.effort,

@@ -30,7 +30,7 @@ class ScreeningSettings:
     """blocks: that are left out in turn. polished: of the best additions, whose nonlinear parameters are fitted in the
     balance; more are, so many times as many at most, until as many predict better than the next one's columns.
     descents: of such a fit, where parameters are nonlinear, and straight where they are not. far: its longest
-    step, of a range; shortest: at which it is given up. difference: of a range, in differences of effects. at_once:
+    step, of a range; shortest: at which it stops early. difference: of a range, in differences of effects. at_once:
     atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. alike: cosine of
     responses beyond which effects do not differ. ran_away: of rows, beyond which what others add is lost in rounding.
     determined: of a declared parameter's range, a standard deviation below which the balance determines it. remembered:

@@ -12,7 +12,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve.linearization import (
-    Evidence,
+    Data,
     Linearization,
     Trial,
     columns,
@@ -46,7 +46,7 @@ EvaluateWindows = Callable[[np.ndarray, Trial], tuple[np.ndarray, np.ndarray]]
 
 
 def fit_starts(
-    evidence: Evidence,
+    data: Data,
     evaluate: EvaluateWindows,
     offsets: np.ndarray,
     *,
@@ -56,28 +56,28 @@ def fit_starts(
 ) -> Linearization:
     """The linearization where starts near `offsets` (window, state), or near those in `also`, are the best.
 
-    The evidence has no parameters. tolerance: of the objective over k, summed over windows. thorough: whether windows
+    The data has no parameters. tolerance: of the objective over k, summed over windows. thorough: whether windows
     that stand out after all are begun with one state after the other elsewhere.
     """
-    found = _settled(evidence, evaluate, offsets, tolerance)
+    found = _settled(data, evaluate, offsets, tolerance)
     if also is not None:
         found = _or_from(found, evaluate, also, tolerance, found.inflation)
     generator, searched = np.random.default_rng(0), np.zeros(0, dtype=int)
     drawn = generator.standard_normal(
-        (SETTINGS.drawn_if_rough if evidence.rough else SETTINGS.drawn, offsets.shape[1])
+        (SETTINGS.drawn_if_rough if data.rough else SETTINGS.drawn, offsets.shape[1])
     )
     for _ in range(SETTINGS.searches):
-        stuck = evidence.standing_out(found.residual)
-        if not evidence.rough:  # there the draws about the best are others each time
+        stuck = data.standing_out(found.residual)
+        if not data.rough:  # there the draws about the best are others each time
             stuck, searched = np.setdiff1d(stuck, searched), np.union1d(stuck, searched)
-        others = evidence.other_starts(found.offsets, stuck, drawn)[:, stuck]
+        others = data.other_starts(found.offsets, stuck, drawn)[:, stuck]
         if not others.size:
             break
         k = _scatter_of_others(found, stuck)
         before = found.windows(stuck)
         own = _of_windows(evaluate, stuck)
-        if evidence.rough:
-            others = _nearer(before.evidence, own, others, k, generator)
+        if data.rough:
+            others = _nearer(before.data, own, others, k, generator)
         after = _begun_elsewhere(before, own, others, tolerance, k)
         found = found.with_windows(stuck, after)
         if (before.objectives(k) - after.objectives(k)).sum() < tolerance * k:
@@ -88,22 +88,22 @@ def fit_starts(
 def _scatter_of_others(found: Linearization, stuck: np.ndarray) -> float:
     """k of what the windows leave that are not `stuck`."""
     rest = np.setdiff1d(np.arange(len(found.residual)), stuck)
-    return inflation(found.evidence.rows(rest), found.residual[rest])
+    return inflation(found.data.rows(rest), found.residual[rest])
 
 
 def _along_axes(found: Linearization, evaluate: EvaluateWindows, tolerance: float) -> Linearization:
     """`found`, with the windows that still stand out begun where one state is another: a height that nothing measures,
     by which a wheel is pressed to the floor or is in the air. Draws of all states at once are nowhere near.
     """
-    stuck = found.evidence.standing_out(found.residual)
+    stuck = found.data.standing_out(found.residual)
     if not stuck.size:
         return found
     before, own = found.windows(stuck), _of_windows(evaluate, stuck)
     k = _scatter_of_others(found, stuck)
-    for state in found.evidence.movable:
+    for state in found.data.movable:
         for share in SETTINGS.axis_shares:
             moved = before.offsets.copy()
-            moved[:, state] += share * before.evidence.start_sd[:, state]
+            moved[:, state] += share * before.data.start_sd[:, state]
             before = _or_from(before, own, moved, tolerance, k)
     return found.with_windows(stuck, before)
 
@@ -125,10 +125,10 @@ def _begun_elsewhere(
     The most promising are begun at: before its descent the best of them need not be the one that leads to the best.
     """
     window = np.arange(others.shape[1])
-    values = _values(found.evidence, evaluate, others, k)
+    values = _values(found.data, evaluate, others, k)
     order = np.argsort(values, axis=0, kind="stable")
     begun = SETTINGS.begun
-    if not found.evidence.hidden:  # then starts are known well enough for the best to be better as it is
+    if not found.data.hidden:  # then starts are known well enough for the best to be better as it is
         gains = np.maximum(found.objectives(k) - values[order[0], window], 0.0)
         begun = 1 if gains.sum() >= tolerance * k else 0
     for place in order[:begun]:
@@ -140,14 +140,14 @@ def _or_from(
     found: Linearization, evaluate: EvaluateWindows, offsets: np.ndarray, tolerance: float, k: float
 ) -> Linearization:
     """`found`, with the windows that descend to a better start from `offsets` (window, state)."""
-    to_beat = np.inf if found.evidence.rough else found.objectives(k)
-    there = _settled(found.evidence, evaluate, offsets, tolerance, k, to_beat)
+    to_beat = np.inf if found.data.rough else found.objectives(k)
+    there = _settled(found.data, evaluate, offsets, tolerance, k, to_beat)
     better = there.objectives(k) < found.objectives(k)
     return found.with_windows(better, there.windows(better))
 
 
 def _nearer(
-    evidence: Evidence,
+    data: Data,
     evaluate: EvaluateWindows,
     others: np.ndarray,
     k: float,
@@ -158,13 +158,13 @@ def _nearer(
     A cross-entropy search (Rubinstein, 1999) of every window about several centres, which are not pooled: valleys are
     narrow and many.
     """
-    reach = evidence.start_sd
-    parents, values = _parents(others, _values(evidence, evaluate, others, k))
+    reach = data.start_sd
+    parents, values = _parents(others, _values(data, evaluate, others, k))
     for _ in range(SETTINGS.nearer_times):
         reach = SETTINGS.nearer * reach
         children = np.repeat(parents, SETTINGS.children // SETTINGS.parents, axis=0)
         children = children + reach * generator.standard_normal(children.shape)
-        both = np.concatenate([values, _values(evidence, evaluate, children, k)])
+        both = np.concatenate([values, _values(data, evaluate, children, k)])
         parents, values = _parents(np.concatenate([parents, children]), both)
     return parents
 
@@ -175,14 +175,14 @@ def _parents(trials: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
     return np.take_along_axis(trials, best[..., None], axis=0), np.take_along_axis(values, best, axis=0)
 
 
-def _values(evidence: Evidence, evaluate: EvaluateWindows, offsets: np.ndarray, k: float) -> np.ndarray:
+def _values(data: Data, evaluate: EvaluateWindows, offsets: np.ndarray, k: float) -> np.ndarray:
     """Objectives (trial, window) of starts at `offsets` (trial, window, state)."""
     outputs, diverged = evaluate(np.arange(offsets.shape[1]), Trial(np.zeros((len(offsets), 0)), offsets))
-    return trial_objectives(evidence, offsets, outputs, diverged, k)
+    return trial_objectives(data, offsets, outputs, diverged, k)
 
 
 def _settled(
-    evidence: Evidence,
+    data: Data,
     evaluate: EvaluateWindows,
     offsets: np.ndarray,
     tolerance: float,
@@ -193,8 +193,8 @@ def _settled(
     objectives that are known to be possible; a descent that does not promise to get there after `patience` rounds ends.
     """
     every = np.arange(len(offsets))
-    outputs, diverged = evaluate(every, columns(evidence, NO_PARAMETERS, offsets))
-    best = Linearization.from_columns(evidence, NO_PARAMETERS, offsets, outputs, diverged)
+    outputs, diverged = evaluate(every, columns(data, NO_PARAMETERS, offsets))
+    best = Linearization.from_columns(data, NO_PARAMETERS, offsets, outputs, diverged)
     active, better, damping = every, ~diverged[0], np.zeros(len(offsets))
     for number in range(SETTINGS.rounds - 1):
         k = best.inflation if held is None else held
@@ -225,12 +225,12 @@ def _moved(
     """
     k = best.inflation
     outputs, diverged = evaluate(active, Trial(NO_PARAMETERS[None], offsets[None]))
-    there = trial_objectives(best.evidence.rows(active), offsets[None], outputs, diverged, k)[0]
+    there = trial_objectives(best.data.rows(active), offsets[None], outputs, diverged, k)[0]
     better = there < best.objectives(k)[active]
     which = active[better]
     if not which.size:
         return best, better
-    own = best.evidence.rows(which)
+    own = best.data.rows(which)
     differences = columns(own, NO_PARAMETERS, offsets[better]).but_first
     moved, lost = evaluate(which, differences)
     outputs = np.concatenate([outputs[:, better], moved])

@@ -12,7 +12,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.noise.autocorrelation import autocorrelation_time
-from capture_cli.estimate.solve.linearization import Evidence, Linearization
+from capture_cli.estimate.solve.linearization import Data, Linearization
 
 
 @frozen
@@ -73,44 +73,44 @@ def lack_of_fit(at: Linearization, residual: np.ndarray | None = None) -> LackOf
     """
     spent = len(at.x) + at.fitted_starts
     residual = at.residual if residual is None else residual
-    return _compared(at.evidence, residual, spent, SETTINGS.practical, SETTINGS.practical_of_one)
+    return _compared(at.data, residual, spent, SETTINGS.practical, SETTINGS.practical_of_one)
 
 
-def lack_held_out(evidence: Evidence, residual: np.ndarray) -> LackOfFit:
+def lack_held_out(data: Data, residual: np.ndarray) -> LackOfFit:
     """Of what was held out, of which a model that did not see it leaves residual (window, row); nothing lacks nothing.
 
     A model counts as the explanation up to `near_floor`: its parameters are not exact.
     """
-    return _compared(evidence, residual, 0.0, SETTINGS.near_floor, SETTINGS.near_floor_of_one)
+    return _compared(data, residual, 0.0, SETTINGS.near_floor, SETTINGS.near_floor_of_one)
 
 
 def _compared(
-    evidence: Evidence,
+    data: Data,
     residual: np.ndarray,
     spent: float,
     practical: float,
     practical_of_one: float,
 ) -> LackOfFit:
     """spent: degrees of freedom that the fit took, each output's share by its samples."""
-    counts = _together(evidence, evidence.mask.sum(axis=(0, 1)))
-    shaped = residual.reshape(evidence.measured.shape)
-    squares = _together(evidence, np.square(shaped).sum(axis=(0, 1)))
-    share = max(1 - spent / max(evidence.count, 1), 1 / max(evidence.count, 1))
+    counts = _together(data, data.mask.sum(axis=(0, 1)))
+    shaped = residual.reshape(data.measured.shape)
+    squares = _together(data, np.square(shaped).sum(axis=(0, 1)))
+    share = max(1 - spent / max(data.count, 1), 1 / max(data.count, 1))
     degrees = np.maximum(counts * share, 1.0)
-    total = max(evidence.count * share, 1.0)
+    total = max(data.count * share, 1.0)
     return LackOfFit(
         float(np.sqrt(np.square(residual).sum() / total)),
         float(max(by_chance(total), practical)),
-        autocorrelation_time(shaped, evidence.mask),
+        autocorrelation_time(shaped, data.mask),
         np.sqrt(squares / degrees),
         np.maximum(by_chance(degrees, of=len(counts)), practical_of_one),
     )
 
 
-def _together(evidence: Evidence, sums: np.ndarray) -> np.ndarray:
+def _together(data: Data, sums: np.ndarray) -> np.ndarray:
     """Sums (output,), with those of the four numbers of each attitude replaced by what they come to together."""
     sums = sums.astype(float)
-    for columns in evidence.attitudes:
+    for columns in data.attitudes:
         sums[columns] = sums[columns].sum()
     return sums
 

@@ -94,11 +94,11 @@ def pure_error(at: Linearization, groups: Sequence[np.ndarray]) -> tuple[list[np
     groups: windows (repeat,) that repeat each other. What their starts can do to first order is taken off; deviations
     are in units of the noise that was assumed, and scaled to its variance.
     """
-    steps, outputs = at.evidence.measured.shape[1:]
+    steps, outputs = at.data.measured.shape[1:]
     deviations: list[list[np.ndarray]] = [[] for _ in range(outputs)]
     degrees = np.zeros(outputs)
     for group in groups:
-        common = at.evidence.mask[group].all(axis=0)  # samples of one alone cannot be compared
+        common = at.data.mask[group].all(axis=0)  # samples of one alone cannot be compared
         rows = common.ravel()
         apart = (at.residual[group] - at.residual[group].mean(axis=0)) * rows
         basis = _basis(at.by_start[group].mean(axis=0) * rows[:, None])

@@ -69,7 +69,7 @@ def _with(
 def _noise(part: PreparedLog, at: Linearization) -> np.ndarray:
     """Standard deviations (output,) of the noise in the residual, in the outputs' units; inf where it cannot tell."""
     log, windows = part.log, part.windows
-    taken = at.leverage.reshape(at.evidence.measured.shape)
+    taken = at.leverage.reshape(at.data.measured.shape)
     sd = np.full(taken.shape[2], np.inf)
     # Share of an output's noise that starts may take up: beyond it there is too little left to tell.
     most_taken = 0.5
@@ -115,7 +115,7 @@ def _of_outliers(series: Sequence[np.ndarray]) -> float:
 
 def _left(part: PreparedLog, at: Linearization) -> list[list[np.ndarray]]:
     """What the fit leaves of the samples of each output in each window, (sample,), in the output's unit."""
-    residual = at.residual.reshape(at.evidence.measured.shape) * at.evidence.noise_sd
+    residual = at.residual.reshape(at.data.measured.shape) * at.data.noise_sd
     sampled = part.windows.sampled
     return [
         [own[there] for own, there in zip(residual[..., k], sampled[..., k], strict=True)]

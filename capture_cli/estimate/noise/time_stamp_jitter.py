@@ -92,10 +92,10 @@ def _explained(noise: np.ndarray, whole: PartFit, at: Linearization, fitted: np.
         return (residual.reshape(shape) / noise[keep, : shape[1]]).reshape(residual.shape)
 
     others = whole.rows(~fitted)
-    of_fit = in_noise(at.residual, at.evidence.measured.shape, fitted)
-    of_others = in_noise(others.residual, others.evidence.measured.shape, ~fitted)
-    before = (lack_of_fit(at), lack_held_out(others.evidence, others.residual))
-    after = (lack_of_fit(at, of_fit), lack_held_out(others.evidence, of_others))
+    of_fit = in_noise(at.residual, at.data.measured.shape, fitted)
+    of_others = in_noise(others.residual, others.data.measured.shape, ~fitted)
+    before = (lack_of_fit(at), lack_held_out(others.data, others.residual))
+    after = (lack_of_fit(at, of_fit), lack_held_out(others.data, of_others))
     shares = [
         1 - max(_beyond(left), 0.0) / _beyond(was)
         for was, left in zip(before, after, strict=True)

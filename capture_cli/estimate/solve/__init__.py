@@ -1,6 +1,6 @@
 """Parameters from windows of a log: the simulator linearized, and searches that fit it. One search = one file.
 
-In: `Evidence`, what was measured with its noise (`linearization`), and where to begin. Out: the point that explains it
+In: `Data`, what was measured with its noise (`linearization`), and where to begin. Out: the point that explains it
 best, how well it is determined (`intervals`), and what is left open (`undetermined`). All are driven by ask and tell.
 """
 

@@ -10,7 +10,7 @@ import numpy as np
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve.base import Best
 from capture_cli.estimate.solve.linearization import (
-    Evidence,
+    Data,
     Known,
     Linearization,
     Trial,
@@ -44,7 +44,7 @@ class SETTINGS:
     searches: int = 3  # times that it looks for windows that got stuck
     # share of the error at the last restart above which another would end in the same place
     stuck: float = 0.999
-    carried: int = 3  # steps in a row with sensitivities that were carried along rather than measured
+    updates: int = 3  # steps in a row with sensitivities that were updated rather than measured
     pace: int = 8  # rounds: how fast a descent goes is how far it came in these
     # A window goes back alone from a step that helps the others where its objective grows by SPOILT, over k,
     # and takes all that they gain; where they gain more, only if it grows to RUNAWAY times what it was and
@@ -63,7 +63,7 @@ class Descent:
 
     def __init__(
         self,
-        evidence: Evidence,
+        data: Data,
         x: np.ndarray,
         offsets: np.ndarray,
         tolerance: float,
@@ -71,13 +71,13 @@ class Descent:
         *,
         measured: bool = True,
     ):
-        self.evidence = evidence
+        self.data = data
         self.tolerance = tolerance
         self.x = np.clip(x, 0.0, 1.0)
         self.offsets = offsets
         self.error = np.inf
         self.converged = False
-        self.given_up = False  # by whoever asks, who knows of a better one
+        self.stopped_early = False  # by whoever asks, who knows of a better one
         self.rounds = 0
         self._known = known
         self._measured = measured
@@ -85,7 +85,7 @@ class Descent:
         self._k = np.inf
         self._settled = SETTINGS.settled
         self._radius = SETTINGS.radius
-        self._damping = np.zeros(len(evidence.start_sd))
+        self._damping = np.zeros(len(data.start_sd))
         self._repairing = False
         self._promised = np.inf
         self._carry = False
@@ -99,7 +99,7 @@ class Descent:
 
     @property
     def best(self) -> Best:
-        return Best(self.evidence.space.from_unit(self.x), self.offsets, self.error)
+        return Best(self.data.space.from_unit(self.x), self.offsets, self.error)
 
     @property
     def at(self) -> Linearization | None:
@@ -107,13 +107,13 @@ class Descent:
         return self._at
 
     @property
-    def _carried(self) -> int:
-        return self._at.carried if self._at else 0
+    def _updates(self) -> int:
+        return self._at.updates if self._at else 0
 
     @property
     def expected(self) -> float:
         """The error that its next step promises by sensitivities that were measured; 0 where they were not."""
-        if self._carried or not np.isfinite(self._promised):
+        if self._updates or not np.isfinite(self._promised):
             return 0.0
         return self._error_after(self._promised)
 
@@ -121,19 +121,19 @@ class Descent:
     def _little(self) -> float:
         """Of the objective: a gain that is not worth another round."""
         far = self.error > SETTINGS.far
-        return self.tolerance * max(self._k, SETTINGS.share * self.error**2 * self.evidence.count * far)
+        return self.tolerance * max(self._k, SETTINGS.share * self.error**2 * self.data.count * far)
 
     @property
     def _lost(self) -> float:
         """Of the objective: what is promised, and not kept, for roughness alone."""
-        return max((SETTINGS.lost_if_rough if self.evidence.rough else SETTINGS.lost) * self._k, self._little)
+        return max((SETTINGS.lost_if_rough if self.data.rough else SETTINGS.lost) * self._k, self._little)
 
     def ask(self) -> Trial:
         """One candidate, with its finite differences where they are due; or several without, to choose from."""
         if self._told == self._tell_candidate and not self._carry:
-            return columns(self.evidence, *self._trials[0], known=self._known)
+            return columns(self.data, *self._trials[0], known=self._known)
         x, offsets = (np.stack(part) for part in zip(*self._trials, strict=True))
-        return Trial(self.evidence.space.from_unit(x), offsets)
+        return Trial(self.data.space.from_unit(x), offsets)
 
     def tell(self, outputs, diverged):
         self.rounds += 1
@@ -158,9 +158,9 @@ class Descent:
     def _tell_candidate(self, outputs, diverged) -> None:
         x, offsets = self._trials[0]
         if self._carry:
-            there = self._at.moved(x, offsets, self.evidence.residual(outputs[0]))
+            there = self._at.moved(x, offsets, self.data.residual(outputs[0]))
         else:
-            there = Linearization.from_columns(self.evidence, x, offsets, outputs, diverged)
+            there = Linearization.from_columns(self.data, x, offsets, outputs, diverged)
             if self._known is not None:
                 there, self._known = self._known.completed(there), None
         if self._at is None:
@@ -191,7 +191,7 @@ class Descent:
         self._radius = min(2 * self._radius, 1.0)
         if gained < self._little:
             self._settle()
-        elif self._carried > SETTINGS.carried:
+        elif self._updates > SETTINGS.updates:
             self._refresh()
         else:
             self._propose()
@@ -200,7 +200,7 @@ class Descent:
         spoilt = (after > before + SETTINGS.spoilt * self._k) & (offsets != self.offsets).any(axis=1)
         if (before - after)[~spoilt].sum() > self._lost:
             self._send_back(spoilt, x, offsets, self.offsets)
-        elif self._carried:
+        elif self._updates:
             self._refresh()
         elif self._repairing:
             self._propose()
@@ -215,7 +215,7 @@ class Descent:
         By what their objectives bend on average: of less, directions that show little take no notice. And `let_go`
         times as much, which the step that they do not take lets go of.
         """
-        bends = np.trace(self._at.products[2], axis1=1, axis2=2) / max(len(self.evidence.movable), 1)
+        bends = np.trace(self._at.products[2], axis1=1, axis2=2) / max(len(self.data.movable), 1)
         damping = SETTINGS.let_go * np.maximum(SETTINGS.let_go * self._damping, bends + self._k)
         self._damping = np.where(windows, damping, self._damping)
         self._try(x, np.where(windows[:, None], back, offsets))
@@ -225,7 +225,7 @@ class Descent:
         was gained since they were.
         """
         gained = self._since - float(self._at.objectives(self._k).sum())
-        if self._carried and (self._measured or gained > self._little):
+        if self._updates and (self._measured or gained > self._little):
             self._refresh()
         elif self._searches:
             self._propose_other_starts()
@@ -241,7 +241,7 @@ class Descent:
 
     @property
     def _may_search(self) -> bool:
-        return self._searches > 0 and len(self.evidence.hidden_tried) > 0
+        return self._searches > 0 and len(self.data.hidden_tried) > 0
 
     def _refresh(self) -> None:
         """Measure the sensitivities at the point reached."""
@@ -251,8 +251,8 @@ class Descent:
     def _propose_other_starts(self) -> None:
         """Where each window might have got stuck: its start as it was measured, and hidden states elsewhere."""
         self._searches -= 1
-        stuck = self.evidence.standing_out(self._at.residual)
-        others = [np.zeros_like(self.offsets), *self.evidence.other_starts(self.offsets, stuck)]
+        stuck = self.data.standing_out(self._at.residual)
+        others = [np.zeros_like(self.offsets), *self.data.other_starts(self.offsets, stuck)]
         self._trials, self._told = [(self.x, o) for o in others], self._tell_other_starts
 
     def _tell_other_starts(self, outputs, diverged) -> None:
@@ -269,14 +269,14 @@ class Descent:
     def _trials_judged(self, outputs, diverged) -> tuple[np.ndarray, np.ndarray]:
         """Offsets (trial, window, state) of what was asked for, and objectives (trial, window): inf where lost."""
         offsets = np.stack([offsets for _, offsets in self._trials])
-        return offsets, trial_objectives(self.evidence, offsets, outputs, diverged, self._k)
+        return offsets, trial_objectives(self.data, offsets, outputs, diverged, self._k)
 
     def _move(self, there: Linearization) -> None:
         self._at, self.x, self.offsets = there, there.x, there.offsets
         if self.rounds <= self._settled:
             self._k = there.inflation
-        self.error = float(np.sqrt(np.square(there.residual).sum() / self.evidence.count))
-        if not there.carried:
+        self.error = float(np.sqrt(np.square(there.residual).sum() / self.data.count))
+        if not there.updates:
             self._since = float(there.objectives(self._k).sum())
             self._promises.append(self._least_error())
 
@@ -287,7 +287,7 @@ class Descent:
 
     def _error_after(self, gain: float) -> float:
         """The error where the objective is lower by `gain`."""
-        return float(np.sqrt(max(self.error**2 - gain / self.evidence.count, 0.0)))
+        return float(np.sqrt(max(self.error**2 - gain / self.data.count, 0.0)))
 
     def _propose(self) -> None:
         k = self._k

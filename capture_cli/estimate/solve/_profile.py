@@ -82,7 +82,7 @@ def profile(
         profiles.refit([place for own in places for place in own])
         best = min((p.at for own in places for p in own if p.at), key=profiles.rise, default=at)
         if profiles.rise(best) < -worth * profiles.k:
-            return Profile(which, found, (at.evidence.space.from_unit(best.x), best.offsets))
+            return Profile(which, found, (at.data.space.from_unit(best.x), best.offsets))
         for side, own in zip(sides, places, strict=True):
             side.tell(own)
             found[side.held, side.end] = side.limit
@@ -166,11 +166,11 @@ class _Profiles:
         return _Place(held, to, begun, [(alone, begun.offsets), (ridge, begun.start_offsets(dx, self.k))])
 
     def measured(self, there: Linearization) -> Linearization:
-        """`there`, with its sensitivities measured where they were carried along."""
-        if not there.carried:
+        """`there`, with its sensitivities measured where they were updated."""
+        if not there.updates:
             return there
-        trial = columns(self.at.evidence, there.x, there.offsets)
-        return Linearization.from_columns(self.at.evidence, there.x, there.offsets, *self.evaluate(trial))
+        trial = columns(self.at.data, there.x, there.offsets)
+        return Linearization.from_columns(self.at.data, there.x, there.offsets, *self.evaluate(trial))
 
     def refit(self, places: Sequence[_Place]) -> None:
         """Refit the others at each place, for as long as it may turn out not to be excluded."""
@@ -187,8 +187,8 @@ class _Profiles:
         if not places:
             return
         x, offsets = (np.stack(part) for part in zip(*(a for p in places for a in p.asked), strict=True))
-        outputs, diverged = self.evaluate(Trial(self.at.evidence.space.from_unit(x), offsets))
-        residuals = self.at.evidence.residual(outputs)
+        outputs, diverged = self.evaluate(Trial(self.at.data.space.from_unit(x), offsets))
+        residuals = self.at.data.residual(outputs)
         lost = diverged.any(axis=1) | ~np.isfinite(residuals).all(axis=(1, 2))
         told = iter(zip(residuals, lost, strict=True))
         for place in places:

@@ -120,7 +120,7 @@ def sampled_posterior(
         new = [_Proposal.about(mean, SETTINGS.wider**2 * spread, SETTINGS.points)]
     best = int(np.argmin(objectives))
     gain = float(objectives[0] - objectives[best]) / k
-    return SampledPosterior(mean, spread, at.evidence.space.from_unit(x[best]), gain)
+    return SampledPosterior(mean, spread, at.data.space.from_unit(x[best]), gain)
 
 
 def _weights(x: np.ndarray, above: np.ndarray, proposals: list[_Proposal]) -> np.ndarray:
@@ -142,8 +142,6 @@ def _objectives(at: Linearization, x: np.ndarray, evaluate: Evaluate) -> np.ndar
     objectives = np.full(len(x), np.inf)
     if inside.any():
         offsets = np.repeat(at.offsets[None], int(inside.sum()), axis=0)
-        outputs, diverged = evaluate(Trial(at.evidence.space.from_unit(x[inside]), offsets))
-        objectives[inside] = trial_objectives(at.evidence, offsets, outputs, diverged, at.inflation).sum(
-            axis=1
-        )
+        outputs, diverged = evaluate(Trial(at.data.space.from_unit(x[inside]), offsets))
+        objectives[inside] = trial_objectives(at.data, offsets, outputs, diverged, at.inflation).sum(axis=1)
     return objectives

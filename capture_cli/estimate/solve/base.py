@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.estimate.solve.linearization import Evidence, Linearization, Trial
+from capture_cli.estimate.solve.linearization import Data, Linearization, Trial
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class AskTell(ABC):
 
 
 class Identifier(AskTell):
-    """Finds the parameters that `evidence` was made with.
+    """Finds the parameters that `data` was made with.
 
     start: where to begin (parameter,), and offsets (window, state): with which offsets of the windows' starts (none
     where None). rounds: at most so many ask / tell. Trials stay inside the space's bounds.
@@ -51,7 +51,7 @@ class Identifier(AskTell):
 
     def __init__(
         self,
-        evidence: Evidence,
+        data: Data,
         *,
         start: np.ndarray,
         offsets: np.ndarray | None = None,
@@ -59,16 +59,16 @@ class Identifier(AskTell):
         rounds: int = 100,
         starts: int = 3,
     ):
-        self.evidence = evidence
-        self.space = evidence.space
+        self.data = data
+        self.space = data.space
         self.start = np.clip(start, self.space.low, self.space.high)
-        self.offsets = np.zeros_like(evidence.start_sd) if offsets is None else offsets
+        self.offsets = np.zeros_like(data.start_sd) if offsets is None else offsets
         self.seed = seed
         self.rounds_left = rounds
         self.starts = starts
 
-    def carried_on(self, evidence: Evidence, rounds: int) -> Identifier | None:
-        """The same search on other evidence about the same parameters, with what it knows of where to look.
+    def carried_on(self, data: Data, rounds: int) -> Identifier | None:
+        """The same search on other data about the same parameters, with what it knows of where to look.
 
         None where nothing of it is of use but its best, where a new one begins.
         """
@@ -89,7 +89,7 @@ class Identifier(AskTell):
 
     @property
     def at(self) -> Linearization | None:
-        """The linearization at the best, measured there or carried along, if what was told says it."""
+        """The linearization at the best, measured there or updated, if what was told says it."""
         return None
 
     @property

@@ -19,8 +19,8 @@ class CmaEs(Identifier):
 
     summary = "an evolution strategy, which needs no derivatives"
 
-    def __init__(self, evidence, **options):
-        super().__init__(evidence, **options)
+    def __init__(self, data, **options):
+        super().__init__(data, **options)
         from cmaes import CMA
 
         size = len(self.space)
@@ -41,14 +41,14 @@ class CmaEs(Identifier):
         self._linearizing = True
         self._asked: list[np.ndarray] = []
 
-    def carried_on(self, evidence, rounds):
+    def carried_on(self, data, rounds):
         """With its mean, step size and covariance. What has converged begins anew: it would not move again."""
         if self._search is None or self._search.should_stop():
             return None
-        self.evidence = evidence
+        self.data = data
         self.rounds_left = rounds
-        self.offsets = np.zeros_like(evidence.start_sd)
-        # errors were of other evidence: the best point is looked at again first
+        self.offsets = np.zeros_like(data.start_sd)
+        # errors were of other data: the best point is looked at again first
         self._best = Best(self._best.parameters, self.offsets, np.inf)
         self._lowest = self._milestone = np.inf
         self._at = None
@@ -69,7 +69,7 @@ class CmaEs(Identifier):
 
     def ask(self) -> Trial:
         if self._linearizing:
-            return columns(self.evidence, self._best_x, self._best.offsets, parameters=False)
+            return columns(self.data, self._best_x, self._best.offsets, parameters=False)
         self._asked = [self._search.ask() for _ in range(self._search.population_size)]
         points = np.array(self._asked)[:, : len(self.space)]
         offsets = np.repeat(self._best.offsets[None], len(points), axis=0)
@@ -79,7 +79,7 @@ class CmaEs(Identifier):
         if self._linearizing:
             self._relinearize(outputs, diverged)
             return
-        residuals = self.evidence.residual(outputs)
+        residuals = self.data.residual(outputs)
         values = np.array([self._value(r) for r in residuals])
         values[diverged.any(axis=1)] = np.inf
         finite = values[np.isfinite(values)]
@@ -105,7 +105,7 @@ class CmaEs(Identifier):
 
     def _relinearize(self, outputs, diverged) -> None:
         self._at = Linearization.from_columns(
-            self.evidence, self._best_x, self._best.offsets, outputs, diverged, parameters=False
+            self.data, self._best_x, self._best.offsets, outputs, diverged, parameters=False
         )
         if not diverged[0].any():
             # what was known before was to first order about another point: this is exact
@@ -114,11 +114,11 @@ class CmaEs(Identifier):
         self._linearizing = False
 
     def _error(self, residual: np.ndarray) -> float:
-        return float(np.sqrt(np.square(residual).sum() / self.evidence.count))
+        return float(np.sqrt(np.square(residual).sum() / self.data.count))
 
     def _step(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The starts' step dz (window, state) that fits `residual` (window, row) best, and what it leaves."""
-        k = inflation(self.evidence, residual)
+        k = inflation(self.data, residual)
         b = self._at.by_start
         right = (b.swapaxes(1, 2) @ residual[..., None])[..., 0] - k * self._at.z
         dz = (self._at.start_gain(k) @ right[..., None])[..., 0]
@@ -126,7 +126,7 @@ class CmaEs(Identifier):
 
     def _value(self, residual: np.ndarray) -> float:
         dz, left = self._step(residual)
-        k = inflation(self.evidence, left)
+        k = inflation(self.data, left)
         return float(np.square(left).sum() + k * np.square(self._at.z + dz).sum())
 
     def _offsets(self, residual: np.ndarray) -> np.ndarray:

@@ -131,8 +131,8 @@ def intervals(
     that are nearly as good. sampled: what was simulated about an estimate, to be believed instead of the linearization;
     the intervals are about its mean, and reach to the estimate.
     """
-    assert at.evidence.count > 0
-    space = at.evidence.space
+    assert at.data.count > 0
+    space = at.data.space
     covariance, degrees = unit_covariance(at)
     covariance = (
         covariance + _left_to_go(at) + _scatter_of_minima(at, minima)
@@ -167,11 +167,11 @@ def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
     through = gain @ (b.swapaxes(1, 2) @ j)
     projected = j - b @ through  # M J, (window, row, p)
     hessian, _ = at.normal(k)
-    fitted_starts, count = at.fitted_starts, at.evidence.count
+    fitted_starts, count = at.fitted_starts, at.data.count
     meat, correlation = _noise_along(at, projected)
     degrees = max(count / correlation - j.shape[-1] - fitted_starts / correlation, 1.0)
     # sensitivities are finite differences, wrong by about their step: columns more alike than that are the same
-    floor = max(at.evidence.space.steps, default=0.0) ** 2
+    floor = max(at.data.space.steps, default=0.0) ** 2
     return _sandwich(hessian, meat, np.einsum("wrp,wrp->p", j, j), floor), degrees
 
 
@@ -182,7 +182,7 @@ def noise_along(at: Linearization, changes: np.ndarray) -> np.ndarray:
 
 def _noise_along(at: Linearization, changes: np.ndarray) -> tuple[np.ndarray, float]:
     """Likewise, changes' (G + B B') changes, and the residual's autocorrelation time, in samples."""
-    count = at.evidence.count
+    count = at.data.count
     product, correlation = _filtered_product(at, changes)
     product *= count / max(count - len(at.x) - at.fitted_starts, 1.0)
     starts = at.by_start.swapaxes(1, 2) @ changes
@@ -194,7 +194,7 @@ def _left_to_go(at: Linearization) -> np.ndarray:
 
     Not where the error is smooth and far from noise: there a descent ends early on purpose.
     """
-    if not at.evidence.rough and at.inflation > SETTINGS.far:
+    if not at.data.rough and at.inflation > SETTINGS.far:
         return np.zeros((len(at.x),) * 2)
     step = at.whole_step
     return np.outer(step, step)
@@ -212,13 +212,13 @@ def _scatter_of_minima(at: Linearization, minima: Sequence[Linearization]) -> np
 
 def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndarray, float]:
     """sum_w (MJ)' G (MJ), (p, p), and the residual's autocorrelation time, in samples."""
-    evidence = at.evidence
-    shape = evidence.measured.shape
-    covariance = autocovariance(at.residual.reshape(shape), evidence.mask)
+    data = at.data
+    shape = data.measured.shape
+    covariance = autocovariance(at.residual.reshape(shape), data.mask)
     # noise about three axes shows in four numbers, sensitivities along the three
-    for columns in evidence.attitudes:
+    for columns in data.attitudes:
         covariance[:, columns] = covariance[:, columns].sum(axis=1, keepdims=True) / 3
-    shaped = in_order(projected.reshape(*shape, -1), own_samples(evidence.mask))
+    shaped = in_order(projected.reshape(*shape, -1), own_samples(data.mask))
     size = 1 << (2 * shape[1] - 1).bit_length()
     meat = np.zeros((shaped.shape[-1],) * 2)
     times = []
@@ -233,7 +233,7 @@ def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndar
         filtered = np.fft.irfft(transformed * spectrum[:, None], size, axis=1)[:, : shape[1]]
         meat += np.einsum("wtp,wtq->pq", shaped[:, :, output], filtered)
         times.append(time)
-    return meat, mean_time(np.array(times), covariance, evidence.mask)
+    return meat, mean_time(np.array(times), covariance, data.mask)
 
 
 def _sandwich(hessian: np.ndarray, meat: np.ndarray, sensitivity: np.ndarray, floor: float) -> np.ndarray:

@@ -13,21 +13,21 @@ import numpy as np
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.solve._descent import Descent
 from capture_cli.estimate.solve.base import Best, Identifier
-from capture_cli.estimate.solve.linearization import Evidence, Known, Linearization, Trial
+from capture_cli.estimate.solve.linearization import Data, Known, Linearization, Trial
 
 
 @frozen
 class SETTINGS:
     screened_per_parameter: int = 8
     converged_gain: float = 3e-3  # decrease of the objective over k: a twentieth of a standard error
-    hopeless: float = 2.0  # a descent whose error stays this many times the best known is given up
+    hopeless: float = 2.0  # a descent whose error stays this many times the best known is stopped early
     patience: int = 5  # rounds before it is, where it does not even promise better
     long_patience: int = 15  # and where it does
 
 
 @dataclass(frozen=True)
-class GiveUp:
-    """When a descent is given up: where it stays far above `to_beat`, an error that is known to be possible, for
+class EarlyStop:
+    """When a descent is stopped early: where it stays far above `to_beat`, an error that is known to be possible, for
     `patience` rounds; and where it does not promise to get to `needed`, an error above which the answer is of no use.
     """
 
@@ -48,17 +48,17 @@ class LeastSquares(Identifier):
 
     def __init__(
         self,
-        evidence: Evidence,
+        data: Data,
         *,
         tolerance: float = SETTINGS.converged_gain,
-        give_up: GiveUp = GiveUp(),
+        early_stop: EarlyStop = EarlyStop(),
         measured: bool = True,
         known: Known | None = None,
         **options,
     ):
-        super().__init__(evidence, **options)
+        super().__init__(data, **options)
         self.tolerance = tolerance
-        self.give_up = give_up
+        self.early_stop = early_stop
         self.measured = measured
         self.known = known
         self._screening = self.starts > 1 and len(self.space) > 0
@@ -80,9 +80,9 @@ class LeastSquares(Identifier):
         return self._leader.at if self._descents else None
 
     @property
-    def gave_up(self) -> bool:
+    def stopped_early(self) -> bool:
         """Whether the best was left where it was, behind what is known to be possible."""
-        return bool(self._descents) and self._leader.given_up
+        return bool(self._descents) and self._leader.stopped_early
 
     @property
     def _leader(self) -> Descent:
@@ -112,7 +112,7 @@ class LeastSquares(Identifier):
 
     def _descent(self, x: np.ndarray) -> Descent:
         known = None if self._screening else self.known
-        return Descent(self.evidence, x, self.offsets, self.tolerance, known, measured=self.measured)
+        return Descent(self.data, x, self.offsets, self.tolerance, known, measured=self.measured)
 
     def _active(self) -> list[Descent]:
         return [d for d in self._descents if not d.converged]
@@ -128,7 +128,7 @@ class LeastSquares(Identifier):
 
     def _begin(self, outputs, diverged) -> None:
         points = self._screening_points()
-        residual = self.evidence.residual(outputs)
+        residual = self.data.residual(outputs)
         error = np.square(residual, out=residual).sum(axis=(1, 2))
         error[diverged.any(axis=1)] = np.inf
         chosen = [0]
@@ -141,17 +141,17 @@ class LeastSquares(Identifier):
 
     def _drop_hopeless(self) -> None:
         best = self.best
-        possible = min(best.error, self.give_up.to_beat)
+        possible = min(best.error, self.early_stop.to_beat)
         for descent in self._active():
             beaten = (
-                descent.rounds >= self.give_up.patience and descent.expected > SETTINGS.hopeless * possible
+                descent.rounds >= self.early_stop.patience and descent.expected > SETTINGS.hopeless * possible
             )
             beaten |= (
                 descent.rounds >= SETTINGS.long_patience and descent.error > SETTINGS.hopeless * possible
             )
             beaten |= not descent.would_reach(possible, self.rounds_left)
-            beaten |= descent.falls_short_of(self.give_up.needed)
-            descent.given_up |= beaten
+            beaten |= descent.falls_short_of(self.early_stop.needed)
+            descent.stopped_early |= beaten
             close = np.abs(descent.x - self.space.to_unit(best.parameters)).max(initial=0.0) < 1e-3
             if beaten or (close and descent.best.error > best.error):
                 descent.converged = True

@@ -45,7 +45,7 @@ BY_WINDOW = ("offsets", "residual", "by_parameter", "by_start")  # arrays of a l
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Data:
     """What was measured, as arrays.
 
     measured (window, step, output); mask (window, step, output), False for padding and where an output has no sample.
@@ -120,8 +120,8 @@ class Evidence:
         anywhere[:, stuck] = drawn[:, None] * self.start_sd[stuck]
         return np.concatenate([others, anywhere])
 
-    def rows(self, keep: np.ndarray) -> Evidence:
-        """The evidence of the windows at `keep`."""
+    def rows(self, keep: np.ndarray) -> Data:
+        """The data of the windows at `keep`."""
         return replace(self, measured=self.measured[keep], mask=self.mask[keep], start_sd=self.start_sd[keep])
 
 
@@ -142,7 +142,7 @@ class Trial:
 
 
 def columns(
-    evidence: Evidence,
+    data: Data,
     x: np.ndarray,
     offsets: np.ndarray,
     *,
@@ -152,17 +152,17 @@ def columns(
     """The point x (parameter,), in the unit cube, and one finite difference per parameter and start coordinate; those
     that are `known` do not move, so that nothing is simulated for them.
     """
-    moves = np.eye(len(x)) * parameter_steps(evidence.space, x) if parameters else np.zeros((0, len(x)))
-    shifts = _start_steps(evidence)
+    moves = np.eye(len(x)) * parameter_steps(data.space, x) if parameters else np.zeros((0, len(x)))
+    shifts = _start_steps(data)
     if known is not None:
         moves *= ~known.parameters[:, None]
         shifts = shifts * ~known.starts
-    movable = evidence.movable
+    movable = data.movable
     points = np.concatenate([x[None], x + moves, np.repeat(x[None], len(movable), axis=0)])
     moved = np.repeat(offsets[None], len(points), axis=0)
     for row, state in enumerate(movable, start=1 + len(moves)):
         moved[row, :, state] += shifts[:, state]
-    return Trial(evidence.space.from_unit(points), moved)
+    return Trial(data.space.from_unit(points), moved)
 
 
 def parameter_steps(space: ParameterSpace, x: np.ndarray) -> np.ndarray:
@@ -170,10 +170,8 @@ def parameter_steps(space: ParameterSpace, x: np.ndarray) -> np.ndarray:
     return np.where(x + space.steps <= 1, space.steps, -space.steps)
 
 
-def _start_steps(evidence: Evidence) -> np.ndarray:
-    return np.maximum(
-        evidence.start_step * np.minimum(evidence.start_sd, SETTINGS.longest), SETTINGS.shortest
-    )
+def _start_steps(data: Data) -> np.ndarray:
+    return np.maximum(data.start_step * np.minimum(data.start_sd, SETTINGS.longest), SETTINGS.shortest)
 
 
 @dataclass(frozen=True)
@@ -181,14 +179,14 @@ class Known:
     """Sensitivities that were measured elsewhere, by another model or with fewer starts that may move.
 
     parameters (parameter,), starts (window, state): which. by_parameter (window, row, parameter) and by_start (window,
-    row, movable state), 0 for the others. carried: as of a linearization.
+    row, movable state), 0 for the others. updates: as of a linearization.
     """
 
     parameters: np.ndarray
     starts: np.ndarray
     by_parameter: np.ndarray
     by_start: np.ndarray
-    carried: int
+    updates: int
 
     def completed(self, measured: Linearization) -> Linearization:
         """The linearization with these, from one in which what is known did not move."""
@@ -196,7 +194,7 @@ class Known:
             measured,
             by_parameter=measured.by_parameter + self.by_parameter,
             by_start=measured.by_start + self.by_start,
-            carried=self.carried,
+            updates=self.updates,
         )
 
 
@@ -204,36 +202,34 @@ class Known:
 class Linearization:
     """residual (window, row), by_parameter (window, row, parameter), by_start (window, row, state).
 
-    carried: by how many steps its sensitivities were carried along since they were measured.
+    updates: by how many steps its sensitivities were updated since they were measured.
     """
 
-    evidence: Evidence
+    data: Data
     x: np.ndarray
     offsets: np.ndarray
     residual: np.ndarray
     by_parameter: np.ndarray
     by_start: np.ndarray
-    carried: int = 0
+    updates: int = 0
 
     @classmethod
-    def from_columns(cls, evidence: Evidence, x, offsets, outputs, diverged, *, parameters: bool = True):
+    def from_columns(cls, data: Data, x, offsets, outputs, diverged, *, parameters: bool = True):
         """From what the trial of `columns` gave. A difference that diverged counts as no sensitivity."""
-        residuals = evidence.residual(outputs)
+        residuals = data.residual(outputs)
         size = len(x) if parameters else 0
         residual, slopes = residuals[0].copy(), residuals[1:]
         np.subtract(residual, slopes, out=slopes)
         slopes *= ~diverged[1:, :, None]
         by_parameter, by_start = slopes[:size], slopes[size:]
-        by_parameter /= parameter_steps(evidence.space, x)[:size, None, None]
-        scale = (evidence.start_sd / _start_steps(evidence))[:, evidence.movable]
+        by_parameter /= parameter_steps(data.space, x)[:size, None, None]
+        scale = (data.start_sd / _start_steps(data))[:, data.movable]
         by_start *= scale.T[:, :, None]
-        return cls(
-            evidence, x, offsets, residual, np.moveaxis(by_parameter, 0, -1), np.moveaxis(by_start, 0, -1)
-        )
+        return cls(data, x, offsets, residual, np.moveaxis(by_parameter, 0, -1), np.moveaxis(by_start, 0, -1))
 
     def central(self) -> Trial:
         """Central differences along the parameters: first all to one side, then all to the other."""
-        points = self.evidence.space.from_unit(np.concatenate(self._sides()))
+        points = self.data.space.from_unit(np.concatenate(self._sides()))
         return Trial(points, np.repeat(self.offsets[None], len(points), axis=0))
 
     def with_central(self, outputs: np.ndarray, diverged: np.ndarray) -> Linearization:
@@ -242,7 +238,7 @@ class Linearization:
         """
         above, below = self._sides()
         steps = np.diag(above - below)
-        after, before = np.split(self.evidence.residual(outputs), 2)
+        after, before = np.split(self.data.residual(outputs), 2)
         known = (np.diag(above) != self.x) & (np.diag(below) != self.x)
         slopes = (before - after) / np.where(known, steps, 1.0)[:, None, None]
         known = known[:, None] & ~np.logical_or(*np.split(diverged, 2))
@@ -251,51 +247,51 @@ class Linearization:
 
     def _sides(self) -> tuple[np.ndarray, np.ndarray]:
         """Points (parameter, parameter) above and below x in one parameter each; x where that is beyond a bound."""
-        steps = np.diag(self.evidence.space.steps * (1.0 if self.evidence.rough else SETTINGS.sharper))
+        steps = np.diag(self.data.space.steps * (1.0 if self.data.rough else SETTINGS.sharper))
         above, below = self.x + steps, self.x - steps
         return np.where(above > 1, self.x, above), np.where(below < 0, self.x, below)
 
     def moved(self, x: np.ndarray, offsets: np.ndarray, residual: np.ndarray) -> Linearization:
-        """This linearization carried to x (parameter,), offsets (window, state) and the residual (window, row) there.
+        """This linearization updates to x (parameter,), offsets (window, state) and the residual (window, row) there.
 
         The sensitivities get the least change that explains the residual (Broyden 1965); those of parameters that
         showed next to nothing get none.
         """
         dx = x - self.x
-        dz = scaled_offsets(self.evidence, offsets - self.offsets)[:, self.evidence.movable]
+        dz = scaled_offsets(self.data, offsets - self.offsets)[:, self.data.movable]
         expected = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
         along = np.where(self.insensitive, 0.0, dx)
         square = float(along @ along)
         change = (expected - residual)[..., None] * (along / square) if square > 0 else 0.0
         by_parameter = self.by_parameter + change
         return replace(
-            self, x=x, offsets=offsets, residual=residual, by_parameter=by_parameter, carried=self.carried + 1
+            self, x=x, offsets=offsets, residual=residual, by_parameter=by_parameter, updates=self.updates + 1
         )
 
-    def known_in(self, evidence: Evidence, parameters: int, states: int) -> Known | None:
-        """What this says of `evidence`, whose first `parameters` and `states` are those of this one; None where it has
+    def known_in(self, data: Data, parameters: int, states: int) -> Known | None:
+        """What this says of `data`, whose first `parameters` and `states` are those of this one; None where it has
         other samples.
         """
-        own = self.evidence
-        if own.measured.shape != evidence.measured.shape or not np.array_equal(own.mask, evidence.mask):
+        own = self.data
+        if own.measured.shape != data.measured.shape or not np.array_equal(own.mask, data.mask):
             return None
-        by_parameter = np.zeros((*self.residual.shape, len(evidence.space)))
+        by_parameter = np.zeros((*self.residual.shape, len(data.space)))
         by_parameter[..., :parameters] = self.by_parameter[..., :parameters]
-        sd, now = own.start_sd[:, :states], evidence.start_sd[:, :states]
-        starts = np.zeros(evidence.start_sd.shape, dtype=bool)
+        sd, now = own.start_sd[:, :states], data.start_sd[:, :states]
+        starts = np.zeros(data.start_sd.shape, dtype=bool)
         starts[:, :states] = (sd == now) & (sd > 0)
-        by_start = np.zeros((*self.residual.shape, len(evidence.movable)))
-        for column, state in enumerate(evidence.movable):
+        by_start = np.zeros((*self.residual.shape, len(data.movable)))
+        for column, state in enumerate(data.movable):
             if starts[:, state].any():
                 known = self.by_start[..., np.searchsorted(own.movable, state)]
                 by_start[..., column] = known * starts[:, state, None]
-        which = np.arange(len(evidence.space)) < parameters
-        return Known(which, starts, by_parameter, by_start, self.carried)
+        which = np.arange(len(data.space)) < parameters
+        return Known(which, starts, by_parameter, by_start, self.updates)
 
     def windows(self, keep: np.ndarray) -> Linearization:
         """The linearization of the windows at `keep`."""
         arrays = {name: getattr(self, name)[keep] for name in BY_WINDOW}
-        return replace(self, evidence=self.evidence.rows(keep), **arrays)
+        return replace(self, data=self.data.rows(keep), **arrays)
 
     def with_windows(self, index: np.ndarray, other: Linearization) -> Linearization:
         """This one with the windows at `index` taken from `other`, which has those windows alone."""
@@ -307,8 +303,8 @@ class Linearization:
     @cached_property
     def z(self) -> np.ndarray:
         """Offsets of the movable starts in units of their sd, (window, state)."""
-        movable = self.evidence.movable
-        sd = self.evidence.start_sd[:, movable]
+        movable = self.data.movable
+        sd = self.data.start_sd[:, movable]
         return np.divide(self.offsets[:, movable], sd, out=np.zeros_like(sd), where=sd > 0)
 
     @property
@@ -319,7 +315,7 @@ class Linearization:
     @cached_property
     def inflation(self) -> float:
         """k: the variance of the residual over that of the noise times its autocorrelation time; at least 1."""
-        return inflation(self.evidence, self.residual)
+        return inflation(self.data, self.residual)
 
     @cached_property
     def products(self) -> tuple[np.ndarray, ...]:
@@ -342,8 +338,8 @@ class Linearization:
     @property
     def fitted_hidden(self) -> np.ndarray:
         """How many of those are hidden states of effects, (window,)."""
-        first = self.evidence.start_sd.shape[1] - self.evidence.hidden
-        return self._fitted_states[:, self.evidence.movable >= first].sum(axis=1)
+        first = self.data.start_sd.shape[1] - self.data.hidden
+        return self._fitted_states[:, self.data.movable >= first].sum(axis=1)
 
     @cached_property
     def _fitted_states(self) -> np.ndarray:
@@ -388,9 +384,9 @@ class Linearization:
         _, jb, _, _, br = self.products
         right = br - (jb.swapaxes(1, 2) @ dx) - k * self.z
         dz = (self.start_gain(k, damping) @ right[..., None])[..., 0]
-        movable = self.evidence.movable
+        movable = self.data.movable
         offsets = self.offsets.copy()
-        offsets[:, movable] = (self.z + dz) * self.evidence.start_sd[:, movable]
+        offsets[:, movable] = (self.z + dz) * self.data.start_sd[:, movable]
         return offsets
 
     def predicted_gain(self, dx: np.ndarray, offsets: np.ndarray, k: float) -> float:
@@ -399,7 +395,7 @@ class Linearization:
 
     def predicted_gains(self, dx: np.ndarray, offsets: np.ndarray, k: float) -> np.ndarray:
         """Likewise of each window, (window,)."""
-        z = scaled_offsets(self.evidence, offsets)[:, self.evidence.movable]
+        z = scaled_offsets(self.data, offsets)[:, self.data.movable]
         dz = z - self.z
         residual = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
         return self.objectives(k) - objectives(residual, z, k)
@@ -415,13 +411,13 @@ def objectives(residual: np.ndarray, z: np.ndarray, k: float) -> np.ndarray:
 
 
 def trial_objectives(
-    evidence: Evidence, offsets: np.ndarray, outputs: np.ndarray, diverged: np.ndarray, k: float
+    data: Data, offsets: np.ndarray, outputs: np.ndarray, diverged: np.ndarray, k: float
 ) -> np.ndarray:
     """Objectives (trial, window) of what starts at `offsets` (trial, window, state) gave: inf where it diverged.
 
     outputs (trial, window, step, output), diverged (trial, window).
     """
-    values = objectives(evidence.residual(outputs), scaled_offsets(evidence, offsets), k)
+    values = objectives(data.residual(outputs), scaled_offsets(data, offsets), k)
     return np.where(diverged | ~np.isfinite(values), np.inf, values)
 
 
@@ -434,17 +430,17 @@ def best_trials(offsets: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np
     return offsets[pick, window], values[pick, window]
 
 
-def scaled_offsets(evidence: Evidence, offsets: np.ndarray) -> np.ndarray:
+def scaled_offsets(data: Data, offsets: np.ndarray) -> np.ndarray:
     """Offsets (..., window, state) in units of their prior sd."""
-    sd = evidence.start_sd
+    sd = data.start_sd
     return np.divide(offsets, sd, out=np.zeros_like(offsets), where=np.broadcast_to(sd > 0, offsets.shape))
 
 
-def inflation(evidence: Evidence, residual: np.ndarray) -> float:
+def inflation(data: Data, residual: np.ndarray) -> float:
     """Variance of the residual (window, row), in units of the noise's, times its autocorrelation time; at least 1."""
-    variance = float(np.square(residual).sum() / max(evidence.count, 1))
-    shaped = residual.reshape(evidence.measured.shape)
-    return max(1.0, variance * autocorrelation_time(shaped, evidence.mask))
+    variance = float(np.square(residual).sum() / max(data.count, 1))
+    shaped = residual.reshape(data.measured.shape)
+    return max(1.0, variance * autocorrelation_time(shaped, data.mask))
 
 
 def held_step(

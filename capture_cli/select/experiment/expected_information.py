@@ -81,10 +81,10 @@ def sensitivities(
     prepared: PreparedLog, simulator: Simulator, point: np.ndarray, axes: Axes
 ) -> Sensitivities:
     """Of all windows about `point` (parameter,), where they begin where `prepared` has them begin."""
-    evidence = prepared.evidence(simulator)
+    data = prepared.data(simulator)
     points = axes.points(simulator.space.to_unit(point))
-    offsets = np.zeros_like(evidence.start_sd)
-    starts = columns(evidence, points[0], offsets, parameters=False)
+    offsets = np.zeros_like(data.start_sd)
+    starts = columns(data, points[0], offsets, parameters=False)
     about = np.repeat(offsets[None], len(points) - 1, axis=0)
     trial = Trial(
         np.concatenate([starts.parameters, simulator.space.from_unit(points[1:])]),
@@ -92,10 +92,8 @@ def sensitivities(
     )
     outputs, diverged = prepared.evaluate(simulator, trial)
     own = slice(len(starts))
-    at = Linearization.from_columns(
-        evidence, points[0], offsets, outputs[own], diverged[own], parameters=False
-    )
-    change = at.residual - evidence.residual(outputs[len(starts) :])
+    at = Linearization.from_columns(data, points[0], offsets, outputs[own], diverged[own], parameters=False)
+    change = at.residual - data.residual(outputs[len(starts) :])
     up, down = np.moveaxis(change.reshape(2, len(axes.sd), *at.residual.shape), 1, -1)
     scale = axes.sd / axes.step
     slope, bend = ((up - down) / 2 * scale, (up + down) / 2 * scale)

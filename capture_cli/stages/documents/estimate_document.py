@@ -109,8 +109,8 @@ class Report:
 
     def _whole(self, offsets: np.ndarray, simulated: np.ndarray) -> PartFit:
         """The whole log at the estimate: `simulated` (window, step, output), starts at `offsets` (window, state)."""
-        evidence = self.prepared.evidence(self.fits.simulator([]))
-        return PartFit(evidence, offsets, evidence.residual(simulated), np.zeros(len(offsets)))
+        data = self.prepared.data(self.fits.simulator([]))
+        return PartFit(data, offsets, data.residual(simulated), np.zeros(len(offsets)))
 
     def _predicted(self, offsets: np.ndarray) -> Predicted:
         """Errors in open loop of the model as it was declared, and with the estimate; offsets (window, state)."""

@@ -95,7 +95,7 @@ def error_of(prepared: PreparedLog, on: PartFit) -> dict[str, Any] | None:
 
     None where there is no sample; the numbers of an output are None where it has none.
     """
-    if not on.evidence.count:
+    if not on.data.count:
         return None
     return {
         "rmse": by_output(prepared, on.rmse),

@@ -42,7 +42,7 @@ from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
 class SETTINGS:
     # Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
     idle_rounds: int = 4
-    # Away from the noise nothing is exact: the model is wrong. A descent is given up there where as many
+    # Away from the noise nothing is exact: the model is wrong. A descent is stopped early there where as many
     # rounds as these gained a small share of the squared error, or so little that as much again would not
     # bring it to the noise.
     idle_as_acted: int = 2
@@ -147,7 +147,7 @@ def by_physics(
     """
     part = fits.prepared.part(~fits.prepared.split.is_test)
     simulator = fits.simulator([])
-    evidence = part.evidence(simulator)
+    data = part.data(simulator)
     what, rounds = descents.what, descents.rounds
     history: list[Best] = []
     idle = False
@@ -157,15 +157,15 @@ def by_physics(
         history.append(best)
         error = f"error {best.error:.3g} x noise floor" if np.isfinite(best.error) else "no fit yet"
         progress.step(f"{what}, round {min(len(history) + 1, rounds)} of at most {rounds}, {error}")
-        idle = descents.idle_rounds is not None and _idle(history, evidence.count, descents.idle_rounds)
+        idle = descents.idle_rounds is not None and _idle(history, data.count, descents.idle_rounds)
         if idle:
             solver.rounds_left = 0
 
     told = {}
     if known is not None and issubclass(descents.method, LeastSquares):
-        told["known"] = known.known_in(evidence, len(simulator.space), evidence.start_sd.shape[1])
+        told["known"] = known.known_in(data, len(simulator.space), data.start_sd.shape[1])
     solver = descents.method(
-        evidence,
+        data,
         start=start,
         seed=descents.seed,
         rounds=rounds,
@@ -293,7 +293,7 @@ def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found
             again = by_physics(
                 found.fits, point, progress, Descents(seed, what, rounds=SETTINGS.again), offsets
             )
-            gained = (found.best.error**2 - again.best.error**2) * found.at.at.evidence.count
+            gained = (found.best.error**2 - again.best.error**2) * found.at.at.data.count
             if gained > FIT.as_good * found.at.at.inflation:
                 return _after(found, again)
     return found
