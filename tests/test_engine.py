@@ -362,7 +362,7 @@ fields["opt.gravity"][:, 0] = 1e13
 start = Starts(model.qpos0[None], np.zeros((1, model.nv)), np.zeros((1, model.na)), np.zeros(1))
 for forces in ([], [lambda world: None]):
     done = Engine(model, 2).rollout(
-        starts=start.rows(np.zeros(50, int)), controls=np.zeros((50, 20, 2)), steps=20, fields=fields, forces=forces
+        starts=start.rows(np.zeros(50, int)), controls=np.zeros((50, 20, 2)), fields=fields, forces=forces
     )
     assert done.diverged.all()
 """
