@@ -64,7 +64,9 @@ capture eval-sim2sim --task scooping-distance --policy distance/policy --identif
 in_world() { # TASK ROBOT PAIRS OPTIONS
   capture eval-sim2sim --task "$1" --world robosuite --robot "$2" --pairs "$3" --policy "runs/policies/$1" --identifier domain-randomization --identifier "runs/sysid/$1/expert-distillation" --identifier "runs/sysid/$1/tunenet" --identifier "runs/sysid/$1/capture-trajectory" "${@:4}" --identifier "runs/sysid/$1/capture-refined" --seeds 1 --rounds 9 --out "runs/evaluation/$1-world-${2,,}"
 }
-for robot in Panda UR5e Sawyer; do
+for robot in Panda UR5e Sawyer IIWA Kinova3; do
   in_world scooping $robot 20 --identifier posterior=runs/sysid/scooping/capture-refined
+done
+for robot in Panda UR5e Sawyer IIWA; do
   in_world air-hockey $robot 8
 done

@@ -16,7 +16,7 @@ from capture_cli.report import paper_numbers
 from capture_cli.store.evaluation import Evaluation
 
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "evaluation"
-ROUNDS = (1, 3, 5, 10, 20, 30)
+ROUNDS = (1, 3, 5, 10, 30)
 RATIO_ROUNDS = (10, 20, 30)
 WORLD_ROUNDS = (1, 3, 5, 7, 9)  # the paper's, on real robots
 BUDGETS = (10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # simulated rollouts
@@ -158,34 +158,33 @@ def successes(m: Measured) -> str:
 
 def in_world_distances(found: list[Measured]) -> str:
     """Trajectory difference by rounds, of each robot and in the paper."""
-    title = f"trajectory difference at {_said(WORLD_ROUNDS)}, m"
+    title = f"trajectory difference at {_said(WORLD_ROUNDS)}, cm"
     return _by_robot(title, found, lambda e: _shown(e["trajectory_difference"]), _paper_distances)
 
 
 def in_world_gains(found: list[Measured]) -> str:
     """In the end over in the beginning, which all have in common; and success likewise."""
-    title = "the last over that before round 1; success then and at the end"
+    title = "the last over that before round 1; success then and last, %"
     return _by_robot(title, found, _gain)
 
 
 def _gain(e: Mapping[str, Any]) -> str:
     distances, successes = e["trajectory_difference"], e["success"]
-    return f"{_two(distances[-1] / distances[0])}; {successes[0]:.2f}, {successes[-1]:.2f}"
+    return f"{_two(distances[-1] / distances[0])}; {successes[0]:.0%}, {successes[-1]:.0%}".replace("%", "")
 
 
 def _about_worlds(found: list[Measured]) -> str:
     """Counts and codes of what differs in the robot alone."""
     counts = {(m.document["pairs"], m.document["rounds"]) for m in found}
-    links = [f"[{m.document['robot']}](../../runs/evaluation/{m.folder}/tables.md)" for m in found]
     codes = sorted({m.provenance["code"][:12] for m in found})
     said = " or ".join(f"{pairs} pairs, {rounds} rounds" for pairs, rounds in sorted(counts))
-    return f"{found[0].document['task']}, {', '.join(links)}: {said}; code {', '.join(codes)}."
+    return f"`runs/evaluation/{found[0].document['task']}-world-*`: {said}; code {', '.join(codes)}."
 
 
 def in_world_successes(found: list[Measured]) -> str:
     """Success by rounds, of each robot and in the paper."""
     return _by_robot(
-        f"success at {_said(WORLD_ROUNDS)}", found, lambda e: _shown(e["success"]), _paper_successes(found)
+        f"success at {_said(WORLD_ROUNDS)}, %", found, lambda e: _shown(e["success"]), _paper_successes(found)
     )
 
 
@@ -215,14 +214,18 @@ def _by_robot(
     rows = []
     for label, figures in theirs.items():
         cells = [cell(m.rows[label]) if label in m.rows else NONE for m in found]
-        beside = [", ".join(f"{figures[n]:.2f}" for n in WORLD_ROUNDS) if figures else NONE]
+        beside = [_hundredths(figures[n] for n in WORLD_ROUNDS) if figures else NONE]
         rows.append([label, *cells, *(beside if with_paper else [])])
     robots = [m.document["robot"] for m in found]
     return _table([title, *robots, *(["in the paper"] if with_paper else [])], rows)
 
 
 def _shown(by_round: list[float]) -> str:
-    return ", ".join(f"{by_round[n]:.2f}" for n in WORLD_ROUNDS if n < len(by_round))
+    return _hundredths(by_round[n] for n in WORLD_ROUNDS if n < len(by_round))
+
+
+def _hundredths(values: Iterable[float]) -> str:
+    return ", ".join(f"{100 * value:.0f}" for value in values)
 
 
 def _said(rounds: tuple[int, ...]) -> str:

@@ -87,16 +87,13 @@ def test_robots_stand_side_by_side_with_the_paper(monkeypatch):
 
     found = [of("Panda", [0.0, 0.5]), of("UR5e", [0.25, 1.0])]
     header, _, *rows = measured_identifiers.in_world_successes(found).splitlines()
-    assert header == "| success at 1, 3, 5, 7, 9 | Panda | UR5e | in the paper |"
-    assert rows[0] == "| tunenet | 0.50 | 1.00 | 0.30, 0.63, 0.60, 0.40, 0.30 |"
-    assert rows[1] == "| posterior | 0.50 | 1.00 |  |" and rows[2].startswith("| capture |  |  | 0.20, 0.57")
+    assert header == "| success at 1, 3, 5, 7, 9, % | Panda | UR5e | in the paper |"
+    assert rows[0] == "| tunenet | 50 | 100 | 30, 63, 60, 40, 30 |"
+    assert rows[1] == "| posterior | 50 | 100 |  |" and rows[2].startswith("| capture |  |  | 20, 57")
     gains = measured_identifiers.in_world_gains(found).splitlines()
-    assert gains[2] == "| tunenet | 0.5; 0.00, 0.50 | 0.5; 0.25, 1.00 |" and len(gains) == 4
+    assert gains[2] == "| tunenet | 0.5; 0, 50 | 0.5; 25, 100 |" and len(gains) == 4
     monkeypatch.setattr(
         measured_identifiers, "_measured", lambda task, in_world: found if task == "scooping" else []
     )
     about, _ = measured_identifiers.worlds().split("\n\n")
-    assert about == (
-        "scooping, [Panda](../../runs/evaluation/panda/tables.md), [UR5e](../../runs/evaluation/ur5e/tables.md): "
-        "4 pairs, 1 rounds; code 0123456789ab."
-    )
+    assert about == "`runs/evaluation/scooping-world-*`: 4 pairs, 1 rounds; code 0123456789ab."
