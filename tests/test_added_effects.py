@@ -351,7 +351,7 @@ def test_values_alone_mean_nothing_to_what_goes_over_all(
 
 
 def test_a_world_lacks_nothing_that_could_be_added(capture, found, tmp_path, monkeypatch):
-    monkeypatch.setattr("capture_cli.stages.record.require", lambda *_: None)
+    monkeypatch.setattr("capture_cli.context.worlds.world.require", lambda *_: None)
     effect = "control-delay@mallet_vx=0.05"
     code, _, err = capture(
         *("record", "--task", "air-hockey", "--world", "robosuite", "--effect", effect, "--out", "new.zarr")

@@ -33,6 +33,7 @@ from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.train_sysid import train_sysid
 from capture_cli.store.evaluation import Evaluation
 from capture_cli.store.output import sha256
+from capture_cli.store.trained import TrainedIdentifier
 
 SMALL = {"task": "scooping", "pairs": 6, "seeds": 2, "rounds": 4, "threads": 1}
 
@@ -402,15 +403,17 @@ def test_the_suite_runs_what_there_are_checkpoints_for(folder, trained):
     assert again == json.loads(json.dumps(done))
 
 
-def _checkpoint(identifier: str, **facts) -> tuple[Path, dict]:
+def _checkpoint(identifier: str, **facts) -> tuple[Path, TrainedIdentifier]:
     facts = {**PAPER, **facts}
-    document = {
-        "task": "scooping",
-        "identifier": identifier,
-        "histories": {"search": facts["search"], "rounds": facts["history_rounds"]},
-        "architecture": {"window": facts["window"], "tokens": "step"},
-    }
-    return Path(f"{identifier}-{'-'.join(map(str, facts.values()))}"), document
+    trained = TrainedIdentifier(
+        identifier=identifier,
+        task="scooping",
+        architecture={"window": facts["window"], "tokens": "step"},
+        training={},
+        histories={"search": facts["search"], "rounds": facts["history_rounds"]},
+        result={},
+    )
+    return Path(f"{identifier}-{'-'.join(map(str, facts.values()))}"), trained
 
 
 def test_ablations_vary_one_thing():
@@ -445,8 +448,8 @@ def test_a_suite_names_the_checkpoints_that_it_does_not_use(folder, trained, cap
     done = evaluate_suite(identifiers=given, out=folder / "some", **options, cells=["scooping"], quiet=False)
     assert [text.split(" (")[0] for text in done["not_used"]] == [str(L5)]
     assert f"not used: {L5} (L 5" in capsys.readouterr().err
-    document = {**_checkpoint("capture")[1], "task": "slider"}
-    assert _why_not(document, SUITES["paper"]) == "of the task 'slider'"
+    other = replace(_checkpoint("capture")[1], task="slider")
+    assert _why_not(other, SUITES["paper"]) == "of the task 'slider'"
 
 
 def test_an_ablation_spells_out_what_it_varies(folder, trained):
