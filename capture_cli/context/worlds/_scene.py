@@ -5,8 +5,9 @@ The model of the plant is part of the scene as it stands, and stepped with its o
 
 from __future__ import annotations
 
-# patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.common.frozen import frozen
+
+# patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 
 # isort: split

@@ -9,8 +9,9 @@ the scene as it stands, and stepped with its options, so that a mallet that move
 
 from __future__ import annotations
 
-# patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.common.frozen import frozen
+
+# patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 
 # isort: split

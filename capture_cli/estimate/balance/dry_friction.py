@@ -38,11 +38,10 @@ def dry_friction(
     where a is the acceleration without it (MuJoCo, Computation: friction loss; d and b from solimp and solref).
     """
     force = np.zeros_like(applied)
-    moved = np.flatnonzero(np.broadcast_to(loss, applied.shape).any(axis=0))
+    moved = np.flatnonzero(loss.any(axis=0))
     if not moved.size:
         return force
     damping, softness = _reference(model)
-    loss = np.broadcast_to(loss, applied.shape)
     acceleration = (inverse @ applied[..., None])[..., 0]
     for _ in range(SETTINGS.sweeps if moved.size > 1 else 1):
         before = force.copy()

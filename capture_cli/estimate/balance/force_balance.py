@@ -62,9 +62,9 @@ _IMPLICIT = {
 _DISABLE = mujoco.mjtDisableBit
 # contacts are left, and joints' dry friction is worked out here
 _NO_STOPS = _DISABLE.mjDSBL_FRICTIONLOSS | _DISABLE.mjDSBL_LIMIT | _DISABLE.mjDSBL_EQUALITY
-AtValues = tuple[Effect, np.ndarray]  # (parameter,)
 _OF_IMPACTS = ("geom_size", "geom_solref", "geom_solimp", "pair_solref", "pair_solimp")
 _OF_ACTUATORS = ("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
+AtValues = tuple[Effect, np.ndarray]  # an effect, and its values (parameter,)
 
 
 @dataclass(frozen=True)
@@ -108,18 +108,18 @@ class Points:
 
 @dataclass(frozen=True)
 class _WorkedOut:
-    """forces, and what they come from: what is `applied` but by contacts, the dry friction in it, the inverse of the
-    inertia, (point, nv, nv), the acceleration by what is applied, which is `free`, and by how much contacts `pushed`,
-    (point, nv) each; how many contacts there are, (point,).
+    """forces, and what they come from: what is `applied` but by contacts, the dry friction in it, the acceleration by
+    what is applied, which is `free`, and by how much contacts `pushed`, (point, nv) each; how many contacts there are,
+    (point,); and the inertia, as mjData.M packs it.
     """
 
     forces: Accelerations
     applied: np.ndarray
     friction: np.ndarray
-    inverse_mass: np.ndarray
     free: np.ndarray
     pushed: np.ndarray
     contacts: np.ndarray
+    inertia: np.ndarray
 
 
 class ForceBalance:
@@ -523,9 +523,10 @@ class ForceBalance:
             runner = self._runner(model)
         inertia, push, contacts = (runner.bind(name) for name in ("M", "qfrc_constraint", "ncon"))
         applied = self._set(runner, state, self.controls if controls is None else controls)
-        loss = np.broadcast_to(model.dof_frictionloss, applied.shape)
-        inverse = self._inverse_mass(model, inertia)
-        friction = self._friction(model, inverse, applied, loss, state)
+        friction = np.zeros_like(applied)
+        if model.dof_frictionloss.any():
+            inverse = self._inverse_mass(model, inertia)
+            friction = self._friction(model, inverse, applied, model.dof_frictionloss, state)
         applied = applied + friction
         felt = self._holding(_felt(model, inertia))
         free = np.linalg.solve(felt, np.where(self.at_rest, state[2], applied)[..., None])[..., 0]
@@ -533,7 +534,7 @@ class ForceBalance:
         if self.unshown.size:
             pushed = np.linalg.solve(felt, np.where(self.at_rest, 0.0, push)[..., None])[..., 0]
         forces = Accelerations(state[2], self._resting(free, pushed))
-        return _WorkedOut(forces, applied, friction, inverse, free, pushed, contacts.copy())
+        return _WorkedOut(forces, applied, friction, free, pushed, contacts.copy(), inertia.copy())
 
     def _resting(self, free: np.ndarray, pushed: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
         """Accelerations (point, nv) of what moves by `free` without contacts, and is `pushed` by them as hard as keeps
@@ -646,10 +647,7 @@ class ForceBalance:
             runner.forward()
             acts = acts + smooth - base - damping * step * qacc
             if world.has_varied(AT_JOINTS):
-                acts = acts + self._null.applied - self._null.friction
-                acts += self._friction(model, self._inverse_mass(model, inertia), acts, loss, self.state)
-                felt = self._holding(_felt(model, inertia))
-                predicted = np.linalg.solve(felt, np.where(self.at_rest, qacc, acts)[..., None])[..., 0]
+                predicted = self._accelerated(acts, loss, inertia)
                 self._restore()
                 return Accelerations(
                     np.zeros_like(qvel), self._resting(predicted, self._null.pushed) - self.null.predicted
@@ -660,16 +658,36 @@ class ForceBalance:
         acts += self._friction_changed(acts, loss)
         return Accelerations(np.zeros_like(qvel), (inverse @ acts[..., None])[..., 0])
 
+    def _accelerated(
+        self, acts: np.ndarray, loss: np.ndarray, inertia: np.ndarray, here: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
+        """Accelerations (point, nv) where forces `acts` (point, nv) come in beside those of the model, frictionloss is
+        `loss` (point, nv), and mjData.M `inertia`.
+        """
+        applied = (self._null.applied - self._null.friction)[here] + acts
+        state = tuple(s[here] for s in self.state)
+        inverse = self._inverse_mass(self._model, inertia, here)
+        applied += self._friction(self._model, inverse, applied, loss, state, here)
+        felt = self._holding(_felt(self._model, inertia), here)
+        return np.linalg.solve(felt, np.where(self.at_rest[here], state[2], applied)[..., None])[..., 0]
+
     def _friction_changed(
         self, acts: np.ndarray, loss: np.ndarray, here: np.ndarray | slice = slice(None)
     ) -> np.ndarray:
         """By how much dry friction is other, (point, nv), where forces `acts` (point, nv) come in beside those of the
         model, and frictionloss is `loss` (point, nv).
         """
+        if not loss.any() and not self._null.friction.any():
+            return np.zeros_like(acts)
         applied = (self._null.applied - self._null.friction)[here] + acts
         state = tuple(s[here] for s in self.state)
-        found = self._friction(self._model, self._null.inverse_mass[here], applied, loss, state, here)
+        found = self._friction(self._model, self._own_inverse_mass[here], applied, loss, state, here)
         return found - self._null.friction[here]
+
+    @cached_property
+    def _own_inverse_mass(self) -> np.ndarray:
+        """Of the model as it is, (point, nv, nv)."""
+        return self._inverse_mass(self._model, self._null.inertia)
 
     def _of_followed(self, effect: Effect, values: np.ndarray) -> list[Accelerations]:
         """Of forces that remember: they are led along the motion, all stretches and variants side by side."""
@@ -764,13 +782,7 @@ class ForceBalance:
                     actuator_force.copy()
                 )  # as they gave it under this force, until it is asked again
                 if world.has_varied((*AT_JOINTS, *_OF_ACTUATORS)):
-                    acts = acts + (self._null.applied - self._null.friction)[here]
-                    mass = self._inverse_mass(self._model, inertia, here)
-                    state = tuple(s[here] for s in self.state)
-                    acts += self._friction(self._model, mass, acts, loss, state, here)
-                    felt = self._holding(_felt(self._model, inertia), here)
-                    held = np.where(self.at_rest[here], qacc[here], acts)
-                    changes[k] = np.linalg.solve(felt, held[..., None])[..., 0] - self.null.predicted[here]
+                    changes[k] = self._accelerated(acts, loss, inertia, here) - self.null.predicted[here]
                     continue
             else:
                 acts = acts + joint_force - damping * (qvel[here] + 0.5 * step * qacc[here])
