@@ -337,10 +337,11 @@ class Simulator:
             starts = shift(self.task.model, starts, runs.offsets[:, : self._own_states])
             hidden = runs.offsets[:, self._own_states :]
         late = self._lateness(each, windows.elapsed[row])
-        early = late[:, self._sensors].max(axis=1, initial=0.0) * runs.logged
+        latest = late[:, self._sensors].max(axis=1, initial=0.0)
+        early = latest * runs.logged
         if runs.reported is not None and (self._measures or self.substeps > 1):
             here = runs.reported.rows(row)
-            early = late[:, self._sensors].max(axis=1, initial=0.0) * here.read
+            early = latest * here.read
             change = self._start_change(here, early[:, None] - late, each, windows.elapsed[row])
             starts = shift(self.task.model, starts, change)
         drift = self._drift(each, windows.elapsed[row]) - early
