@@ -9,14 +9,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from held_inputs import held_machine
+from machines import machine
 
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.solve.linearization import Data
+from capture_cli.model.effects.finer_time_step import FinerTimeStep
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.select import balance_round, model_comparison
 from capture_cli.select import search as attribution
 from capture_cli.select.candidates import Candidate
+from capture_cli.select.forward_round import _settles
 from capture_cli.select.model_comparison import TIED, WORSE, ModelComparison
 from capture_cli.select.search import Accepted, Attribution
 from capture_cli.stages.diagnose import diagnose
@@ -190,6 +193,19 @@ def test_a_rival_that_is_not_as_good_may_be_enough(explained):
     reason = selection.candidates[1].why_rejected
     assert reason.startswith("lag@drive explains more")
     assert reason.endswith("chance allows") == explained
+
+
+def test_no_shorter_steps_are_fitted_where_half_a_step_explains_nothing():
+    model = machine("slider")
+    half, quarter, eighth = (
+        Candidate(Placed("finer-time-step", FinerTimeStep(model, site)))
+        for site in ("half", "quarter", "eighth")
+    )
+    assert not _settles(half, quarter)  # it was not fitted yet
+    half.why_rejected = "fitted jointly it explains nothing more"
+    assert _settles(half, quarter) and _settles(half, eighth) and not _settles(quarter, half)
+    half.fit = FakeFit(("finer-time-step@half",), 1.2)  # it takes something, if not enough
+    assert not _settles(half, eighth)
 
 
 def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkeypatch, without_pages):

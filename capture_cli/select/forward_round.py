@@ -53,6 +53,20 @@ class Scores:
             score_at_null(narrow, candidate)
 
 
+def _cost(candidate: Candidate) -> tuple[int, int]:
+    """What a fit with it takes: hidden states, then steps of the model."""
+    effect = candidate.placed.effect
+    return len(effect.states), effect.substeps
+
+
+def _settles(coarser: Candidate, candidate: Candidate) -> bool:
+    """Whether both are the model in shorter steps, and the `coarser` ones were fitted and explained nothing: to first
+    order the error of a step falls with its length, so that half a step takes at least half of what any other does.
+    """
+    fewer = 1 < coarser.placed.effect.substeps < candidate.placed.effect.substeps
+    return fewer and coarser.why_rejected is not None and coarser.fit is None
+
+
 def by_score(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Those that their scores speak for, best first."""
     return sorted((c for c in candidates if c.why_rejected is None), key=lambda c: -c.score.gain)
@@ -115,8 +129,13 @@ class ForwardRound:
         before, best = self.models.judge(self.current), None
         # fits with hidden states take long: they come last, and are stopped early where they stay far behind, or
         # promise less than is asked of them
-        for number, candidate in enumerate(sorted(candidates, key=lambda c: len(c.placed.effect.states))):
+        for number, candidate in enumerate(sorted(candidates, key=_cost)):
             self.on_step("refit", number, len(candidates))
+            if coarser := next((c for c in candidates if _settles(c, candidate)), None):
+                candidate.why_rejected = (
+                    f"{coarser.name} takes half of what this does, or more, and explains nothing more"
+                )
+                continue
             self._refit(candidate, before, best, material)
             best = least([best, candidate.fit])
             if candidate.why_rejected is None:

@@ -11,8 +11,9 @@ from capture_cli.common.frozen import frozen
 
 @frozen
 class SETTINGS:
-    """sweeps: over the joints, each of which holds against what the friction of the others leaves, at most; they end
-    where none changes by more than the share `settled` of its loss. impedance: as far as MuJoCo lets it be.
+    """sweeps: over the joints, each of which holds against what the friction of the others leaves, at most; at each
+    point they end where none changes by more than the share `settled` of its loss. impedance: as far as MuJoCo lets it
+    be.
     """
 
     sweeps: int = 30
@@ -42,18 +43,23 @@ def dry_friction(
     if not moved.size:
         return force
     damping, softness = _reference(model)
-    acceleration = (inverse @ applied[..., None])[..., 0]
+    free = (inverse @ applied[..., None])[..., 0]
+    left = np.arange(len(applied))
     for _ in range(SETTINGS.sweeps if moved.size > 1 else 1):
-        before = force.copy()
+        here, before = inverse[left], force[left]
+        found = before.copy()
+        acceleration = free[left] + (here @ before[..., None])[..., 0]
         for dof in moved:
-            own = inverse[:, dof, dof]
+            own = here[:, dof, dof]
             total = own + softness[dof]
-            without = acceleration[:, dof] - own * force[:, dof]
-            wanted = -(without + damping[dof] * velocity[:, dof]) / total
-            found = _limited(wanted, damping[dof] * velocity_sd[dof] / total, loss[:, dof])
-            acceleration += inverse[:, :, dof] * (found - force[:, dof])[:, None]
-            force[:, dof] = found
-        if (np.abs(force - before) <= SETTINGS.settled * loss).all():
+            without = acceleration[:, dof] - own * found[:, dof]
+            wanted = -(without + damping[dof] * velocity[left, dof]) / total
+            held = _limited(wanted, damping[dof] * velocity_sd[dof] / total, loss[left, dof])
+            acceleration += here[:, :, dof] * (held - found[:, dof])[:, None]
+            found[:, dof] = held
+        force[left] = found
+        left = left[(np.abs(found - before) > SETTINGS.settled * loss[left]).any(axis=1)]
+        if not left.size:
             break
     return force
 
