@@ -755,15 +755,15 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
 
 def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, monkeypatch):
     look_among(monkeypatch, *ALIKE_LAGS)
-    task = str(held_machine(tmp_path / "arm", "arm", 0.004))
+    task = str(held_machine(tmp_path / "arm", "arm", 0.008))
     record(
         task=task,
         out=tmp_path / "arm.zarr",
         effects=["control-lag@shoulder=0.03", "control-lag@elbow=0.05"],
         noise=1e-3,
-        episodes=5,
-        duration=2.0,
-        rate=250,
+        episodes=4,
+        duration=1.5,
+        rate=125,
         seed=3,
     )
     arm = load_task(task)
@@ -774,7 +774,10 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
     def found(most_effects: int) -> dict:
         """diagnosis.json; the steps that both have in common are made once."""
         settings = Settings(
-            most_effects=most_effects, expression=False, checkpoint=StepFiles(tmp_path / "steps")
+            most_effects=most_effects,
+            expression=False,
+            threads=1,
+            checkpoint=StepFiles(tmp_path / "steps"),
         )
         progress = Progress("diagnose", "model", quiet=True)
         return diagnose_prepared(prepared, arm.space.nominal, settings, progress).document

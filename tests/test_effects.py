@@ -32,7 +32,9 @@ from capture_cli.log.input_sequences import CachedSequences
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.log.windows import cut
 from capture_cli.model import effects
+from capture_cli.model.effects._actuator_effect import ActuatorEffect
 from capture_cli.model.effects._joint_force import inertia_felt
+from capture_cli.model.effects._kernel import bound
 from capture_cli.model.effects.base import (
     GLOBAL,
     PLACES,
@@ -1145,6 +1147,16 @@ def test_servos_on_one_supply_are_weaker_the_more_all_of_them_give(time_constant
     felt = 1 - np.exp(-since / time_constant) if time_constant else np.ones(count // 2)
     np.testing.assert_allclose(size[2:, 0], (1 / (1 + sag * np.abs(would).mean() * felt))[2:], rtol=1e-3)
     np.testing.assert_allclose(size, np.repeat(size[:, :1], 3, axis=1), rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if type(placed(n)[0][1]).drive is ActuatorEffect.drive])
+def test_what_arrives_of_all_steps_is_what_arrives_step_by_step(name):
+    generator, effect = np.random.default_rng(0), placed(name)[0][1]
+    coefficients = effect.coefficients(effect.space.from_unit(generator.random((3, len(effect.space)))))
+    told = generator.standard_normal((80, 3))
+    arrive = bound(effect.kernel, coefficients, 2e-3)
+    found = effect.arrived(told, coefficients, 2e-3)
+    np.testing.assert_array_equal(found, [arrive(now) for now in told])
 
 
 def test_a_supply_in_the_middle_of_its_lag_begins_with_the_load_that_it_feels():

@@ -33,7 +33,7 @@ OPTIONS = {
     "world": "robosuite",
     "robot": "UR5e",
     "identifiers": ["domain-randomization"],
-    "pairs": 4,
+    "pairs": 2,
     "seeds": 1,
     "rounds": 3,
     "threads": 1,
@@ -49,12 +49,12 @@ def test_what_is_measured_is_what_the_robot_does(evaluated):
     document, arrays = evaluated.document, evaluated.arrays
     assert (document["world"], document["robot"]) == ("robosuite", "UR5e")
     assert (evaluated.attributes["world"], evaluated.attributes["robot"]) == ("robosuite", "UR5e")
-    draw = Sim2Sim(TASK, Random(TASK), 4, 3, threads=1)
+    draw = Sim2Sim(TASK, Random(TASK), 2, 3, threads=1)
     _, target = draw.ends()
     np.testing.assert_array_equal(arrays["target"][0], target)
     estimates, uniform = arrays["estimates"][0, 0], draw._uniform()
     robot = World(TASK, "UR5e").trajectories
-    for number in range(4):
+    for number in range(2):
         actions = draw.policy.act(estimates[:, number], uniform[:, number])
         measured, _ = robot(target, actions)
         simulated, _ = draw.machine()(estimates[:, number], actions)
@@ -85,7 +85,7 @@ def test_the_arm_lets_the_estimate_be_right_and_the_trajectory_wrong():
 
 
 def test_a_run_in_a_world_goes_on_and_is_no_run_in_another(tmp_path, evaluated, monkeypatch):
-    options = {**OPTIONS, "out": tmp_path / "e", "identifiers": ["domain-randomization", "cma-es"]}
+    options = {**OPTIONS, "out": tmp_path / "e", "identifiers": ["cma-es", "domain-randomization"]}
     keep, count = evaluation_run._keep, iter(range(9))
 
     def killed(*arguments):
@@ -101,7 +101,7 @@ def test_a_run_in_a_world_goes_on_and_is_no_run_in_another(tmp_path, evaluated, 
             evaluate(**{**options, **other}, resume=True)
     done = evaluate(**options, resume=True)
     for name in ("estimates", "trajectory_difference", "success"):
-        np.testing.assert_array_equal(done.arrays[name][:1], evaluated.arrays[name])
+        np.testing.assert_array_equal(done.arrays[name][1:], evaluated.arrays[name])
 
 
 def test_an_evaluation_of_version_3_is_one_of_the_plant(tmp_path):

@@ -18,7 +18,7 @@ ASKED = {"starts": 1, "threads": 1, "quiet": True, "expression": False}
 PLANTED = ["coulomb-friction@x=1.5", "sensor-bias@q=0.05"]
 
 
-FEW = ("coulomb-friction", "sensor-bias", "constant-force", "cogging", "stribeck-friction", "compliance")
+FEW = ("coulomb-friction", "sensor-bias", "constant-force", "cogging", "stribeck-friction")
 
 
 @pytest.fixture(autouse=True)

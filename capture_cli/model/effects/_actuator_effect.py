@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from inspect import isclass
 from typing import ClassVar
 
 import mujoco
@@ -55,15 +56,18 @@ class ActuatorEffect(Effect):
 
     def drive(self, controls, values, timestep, **_):
         each = np.repeat(values, len(self.columns), axis=0)  # a row for every control of every simulation
-        arrive = bound(self.kernel, self.coefficients(each), timestep)
         sent = controls[:, :, self.columns].swapaxes(0, 1)
-        told = sent.reshape(len(sent), -1)  # (step, row)
-        arrived = np.empty_like(told)
-        for step, now in enumerate(told):
-            arrived[step] = arrive(now)
+        arrived = self.arrived(sent.reshape(len(sent), -1), self.coefficients(each), timestep)
         controls = controls.copy()
         controls[:, :, self.columns] = arrived.reshape(sent.shape).swapaxes(0, 1)
         return controls
+
+    def arrived(
+        self, told: np.ndarray, coefficients: Mapping[str, np.ndarray], timestep: float
+    ) -> np.ndarray:
+        """What the kernel makes of the controls of all steps, (step, row)."""
+        arrive = bound(self.kernel, coefficients, timestep)
+        return np.array([arrive(now) for now in told]) if isclass(self.kernel) else arrive(told)
 
     def companion(self, name, values):
         many = len(self.columns)
