@@ -11,12 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from warm_capture import warm_capture
 
 from capture_cli.stages.record import record
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs" / "contributing.md").read_text(encoding="utf-8")
 FILES = re.findall(r"^`(capture_cli/\S+\.py)`\n\n```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+STAGES = ("record", "import_log", "inspect", "identify", "diagnose")
 SESSIONS = re.findall(r"^```console\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
@@ -72,12 +74,15 @@ def test_every_kind_of_plug_in_has_an_example():
 
 def test_what_is_shown_happens(project):
     assert len(SESSIONS) >= 5
-    for session in SESSIONS:
-        for step in session.split("$ ")[1:]:
-            command, _, shown = step.partition("\n")
+    steps = [step.partition("\n") for session in SESSIONS for step in session.split("$ ")[1:]]
+    environment = {**os.environ, "PYTHONPATH": str(project)}
+    with warm_capture(*STAGES, environment=environment) as capture:
+        for command, _, shown in steps:
             program, *arguments = command.split()
             assert program == "capture"
-            done = in_copy(project, "-m", "capture_cli", *arguments)
+            done = subprocess.run(
+                [*capture, *arguments], cwd=project, capture_output=True, text=True, check=False
+            )
             assert done.returncode == 0, f"{command}\n{done.stderr}"
             assert words(shown) in words(done.stdout), f"{command}\n{done.stdout}"
 

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from warm_capture import warm_capture
 
 from capture_cli.cli import main
 from capture_cli.errors import LogError, OptionError, OutputError, StoreError
@@ -24,13 +25,6 @@ from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
 from capture_cli.store.estimate import Estimate
 
 DOCS = Path(__file__).parents[1] / "docs"
-WITHOUT_PAGES = """
-import sys
-from capture_cli.stages import identify
-identify._write_pages = lambda *_: None
-from capture_cli.cli import main
-main()
-"""
 pytestmark = pytest.mark.usefixtures("without_pages")
 
 
@@ -338,12 +332,11 @@ def test_the_online_loop_of_the_docs(tmp_path):
 
 
 def _run(script: str, folder: Path, *arguments: str, **environment: str) -> None:
-    program = folder.with_name("capture.py")
-    program.write_text(WITHOUT_PAGES)
-    result = subprocess.run(
-        ["bash", str(DOCS / script), str(folder), *arguments],
-        env={**os.environ, "CAPTURE": f"{sys.executable} {program}", "OMP_NUM_THREADS": "1", **environment},
-        capture_output=True,
-        text=True,
-    )
+    with warm_capture("record", "propose", "import_log", without_pages=["identify"]) as capture:
+        result = subprocess.run(
+            ["bash", str(DOCS / script), str(folder), *arguments],
+            env={**os.environ, "CAPTURE": " ".join(capture), **environment},
+            capture_output=True,
+            text=True,
+        )
     assert result.returncode == 0, result.stderr

@@ -1,0 +1,103 @@
+"""`capture` for scripts: every command in a copy of one process, which has imported what commands import.
+
+That is most of what a small command takes. The copies share nothing but files, as processes of their own do.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+CLIENT = """
+import json, os, socket, sys
+
+with socket.socket(socket.AF_UNIX) as server:
+    server.connect({address!r})
+    socket.send_fds(server, [json.dumps([os.getcwd(), sys.argv[1:]]).encode()], [0, 1, 2])
+    sys.exit(int(server.recv(16)))
+"""
+LONGEST = 1 << 16  # bytes of the arguments of a command
+
+
+@contextmanager
+def warm_capture(
+    *stages: str, without_pages: Sequence[str] = (), environment: Mapping[str, str] = os.environ
+) -> Iterator[list[str]]:
+    """A program, as the words of its command line, that does what `capture` does while the context lasts.
+
+    stages: modules of capture_cli.stages that it has imported. without_pages: those that write no page.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        address, client = f"{folder}/address", Path(folder) / "capture.py"
+        client.write_text(CLIENT.format(address=address))
+        asked = json.dumps([address, stages, without_pages])
+        command = [sys.executable, __file__, asked]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, env={**environment}) as server:
+            try:
+                assert server.stdout.readline() == b"ready\n"
+                yield [sys.executable, "-I", "-S", str(client)]
+            finally:
+                server.kill()
+
+
+def serve(address: str, stages: Sequence[str], without_pages: Sequence[str]) -> None:
+    """One command after another, each in a copy of this process."""
+    importlib.import_module("capture_cli.cli.app")
+    for stage in stages:
+        importlib.import_module(f"capture_cli.stages.{stage}")
+    for stage in without_pages:
+        importlib.import_module(f"capture_cli.stages.{stage}")._write_pages = lambda *_: None
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(address)
+        listening.listen()
+        print("ready", flush=True)
+        while True:
+            connection, _ = listening.accept()
+            with connection:
+                message, streams, *_ = socket.recv_fds(connection, LONGEST, 3)
+                child = os.fork()
+                if not child:
+                    run(*json.loads(message), streams)
+                for stream in streams:
+                    os.close(stream)
+                code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+                connection.sendall(str(code).encode())
+
+
+def run(folder: str, arguments: Sequence[str], streams: Sequence[int]) -> None:
+    """What a copy does: the command, in the folder and with the streams of who asked for it."""
+    code = 1
+    try:
+        from capture_cli.cli import main
+
+        for number, stream in enumerate(streams):
+            os.dup2(stream, number)
+        sys.stdout, sys.stderr = (
+            io.TextIOWrapper(io.FileIO(n, "w"), "utf-8", write_through=True) for n in (1, 2)
+        )
+        os.chdir(folder)
+        sys.argv = ["capture", *arguments]
+        main()
+        code = 0
+    except SystemExit as ended:
+        code = ended.code or 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+if __name__ == "__main__":
+    serve(*json.loads(sys.argv[1]))
