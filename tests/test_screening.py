@@ -270,6 +270,21 @@ def test_as_good_is_what_is_near_or_not_surely_worse():
     assert Level.of([best, near], 1.0, BeamSettings(least=1.0)).others == [near]
 
 
+def test_what_is_behind_is_as_good_as_the_best_of_the_others():
+    """On the EMPS a friction that no simulation can do is 430 of log likelihood ahead of the one that is there."""
+
+    def model(likelihood: float) -> BalancedModel:
+        return BalancedModel((), np.zeros(0), (), np.full(4, likelihood / 4))
+
+    ahead, true, alike, little = (model(g) for g in (1926.0, 1498.0, 1351.0, 2.0))
+    level = Level.of([ahead, true, alike, little], 1926.0, BeamSettings())
+    assert level.as_good == [ahead]
+    behind = level.behind(BeamSettings())
+    assert behind.as_good == [true, alike] and behind.others == [little]
+    assert behind.behind(BeamSettings()) is None  # it predicts hardly better than without
+    assert Level([], [true]).behind(BeamSettings()) is None
+
+
 @pytest.mark.parametrize("length", [1.0, 1e9, 1e14])
 def test_columns_that_are_the_same_share_what_they_explain_however_long_they_are(length):
     rng = np.random.default_rng(0)

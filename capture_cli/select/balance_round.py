@@ -99,11 +99,20 @@ class BalanceRound:
                 smaller = least([s.fit for s in found]) or self.current
             else:
                 self._others = level.others
-            more = self._fit(level.as_good, smaller)
+            more = self._best_that_hold(level, smaller)
             found += more
             if (larger and not more) or self._explained(found):
                 break
         return self._with_unions(found)
+
+    def _best_that_hold(self, level: Level, smaller: Fit) -> list[FittedSet]:
+        """As good as the best in the balance. Where simulations bear out none of them, and nothing was found yet, as
+        good as the best of the others, and so on: the balance may prefer what no simulation can do.
+        """
+        found = self._fit(level.as_good, smaller)
+        while not (found or self.current.effects) and (level := level.behind(BEAM)):
+            found = self._fit(level.as_good, smaller)
+        return found
 
     def ask_others(self) -> None:
         """Fit the single effects that the balance puts behind, too."""

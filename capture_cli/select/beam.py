@@ -47,11 +47,12 @@ SETTINGS = BeamSettings()
 @dataclass(frozen=True)
 class Level:
     """Models of one size. as_good: as the best one, which comes first, if that predicts better than without;
-    others: those that predict surely worse.
+    others: those that predict surely worse. gain: of the best over smaller ones.
     """
 
     as_good: list[BalancedModel]
     others: list[BalancedModel]
+    gain: float = 0.0
 
     @property
     def best(self) -> BalancedModel:
@@ -65,7 +66,17 @@ class Level:
         return cls(
             [m for m, own in zip(models, good, strict=True) if own],
             [m for m, own in zip(models, good, strict=True) if not own],
+            gain,
         )
+
+    def behind(self, settings: BeamSettings) -> Level | None:
+        """Likewise of the others: the best of them, and what is as good; None where they predict no better than
+        without.
+        """
+        if not (self.as_good and self.others):
+            return None
+        gain = self.gain + self.others[0].gain(self.best)[0]
+        return Level.of(self.others, gain, settings) if gain > settings.least else None
 
 
 def grown(
