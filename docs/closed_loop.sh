@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
 # The loop closed: what `diagnose` finds on a machine goes back into the simulator, where policy and identifier are
 # trained again. declared/evaluation and mended/evaluation have the errors and successes on such machines before and after.
-# Use: docs/closed_loop.sh FOLDER [tiny | full]
+# Use: docs/closed_loop.sh FOLDER [tiny | full] [ROBOT]
 #   tiny: object scooping, whose arm goes 8 mm to the side of where it is told. A label says where to scoop whatever the
 #         arm does: the declared estimate is off by these 8 mm, and succeeds as often; the mended one is right
-#   full: table air hockey, whose arm follows its commands as late as the Panda does (docs/worlds.md)
-# The machine is the task's plant with an effect that no model declares. With --world robosuite in the place of these
-# effects, in steps 2 and 7, it is the Panda itself, half a second of a core for each stroke.
+#   full: table air hockey, played by a robot of robosuite, a Panda, that is late (docs/worlds.md). An hour of a core
+# What is in FOLDER is not made again, and what was cut off goes on. declared/policy and declared/identifier may be copies
+# of runs/policies and runs/sysid.
 set -euo pipefail
-folder=$1 size=${2:-full}
+folder=$1 size=${2:-full} robot=${3:-Panda}
 capture=${CAPTURE:-capture}
 mkdir -p "$folder"
 cd "$folder"
@@ -27,16 +27,14 @@ tiny)
   ;;
 full)
   task=air-hockey
-  lag=control-second-order-lag
-  machine=(--effect $lag@mallet_vx.time_constant=0.107 --effect $lag@mallet_vx.damping_ratio=0.78
-    --effect $lag@mallet_vy.time_constant=0.119 --effect $lag@mallet_vy.damping_ratio=0.63)
+  machine=(--world robosuite --robot "$robot")
   noise=0.001 strokes=10
   policy=(--steps 24000 --evaluations 12)
-  histories=(--pairs 8192)
-  identifier=(--identifier capture-trajectory --width 64 --steps 5000 --batch 128)
+  histories=(--search scattered --pairs 1536)
+  identifier=(--identifier capture-refined --width 64 --steps 1200 --batch 128)
   diagnosis=()
   judged=
-  evaluation=(--pairs 100 --seeds 3 --rounds 10)
+  evaluation=(--pairs 24 --seeds 1 --rounds 7)
   ;;
 *)
   echo "$size: tiny or full" >&2
@@ -44,29 +42,33 @@ full)
   ;;
 esac
 
+make() { # OUT COMMAND OPTIONS
+  [ -e "$1" ] || $capture "${@:2}" --out "$1" --quiet
+}
+
 learn() { # NAME OPTIONS: a policy, and an identifier of what it does, in the simulator that the options describe
-  $capture train-policy --task $task "${@:2}" "${policy[@]}" --out "$1/policy" --quiet
-  $capture gen-histories --task $task "${@:2}" --policy "$1/policy" "${histories[@]}" --out "$1/histories.zarr" --quiet
-  $capture train-sysid --histories "$1/histories.zarr" "${identifier[@]}" --out "$1/identifier" --quiet
+  [ ! -e "$1/identifier" ] || return 0
+  make "$1/policy" train-policy --resume --task $task "${@:2}" "${policy[@]}"
+  make "$1/histories.zarr" gen-histories --resume --task $task "${@:2}" --policy "$1/policy" "${histories[@]}"
+  make "$1/identifier" train-sysid --resume --histories "$1/histories.zarr" "${identifier[@]}"
 }
 
 # 1. what is known before the machine is seen: the declared model
 mkdir -p declared mended
 learn declared
 # 2. the machine, with parameters that nobody is told
-$capture record --task $task "${machine[@]}" --random-parameters --noise $noise --episodes $strokes --seed 3 \
-  --out log.zarr --quiet
+make log.zarr record --task $task "${machine[@]}" --random-parameters --noise $noise --episodes $strokes --seed 3
 # 3. the declared model does not explain it
-$capture identify --real-log log.zarr --identifier declared/identifier --out declared/estimate --quiet
+make declared/estimate identify --real-log log.zarr --identifier declared/identifier
 # 4. what it lacks
-$capture diagnose --real-log log.zarr --estimate declared/estimate "${diagnosis[@]}" --out diagnosis --quiet
+make diagnosis diagnose --resume --real-log log.zarr --estimate declared/estimate "${diagnosis[@]}"
 # 5. the same in the mended simulator
 learn mended --estimate diagnosis
 # 6. which explains the log
-$capture identify --real-log log.zarr --identifier mended/identifier --out mended/estimate --quiet
+make mended/estimate identify --real-log log.zarr --identifier mended/identifier
 # 7. on other such machines: what was learned before, and after
 for name in declared mended; do
-  $capture eval-sim2sim --task $task "${machine[@]}" --identifier "$judged$name/identifier" --policy $name/policy \
-    "${evaluation[@]}" --out $name/evaluation --quiet
+  make $name/evaluation eval-sim2sim --resume --task $task "${machine[@]}" --identifier "$judged$name/identifier" \
+    --policy $name/policy "${evaluation[@]}"
 done
 echo "done: declared/evaluation/tables.md and mended/evaluation/tables.md in $PWD have errors and successes before and after"

@@ -7,8 +7,10 @@ import os
 import subprocess
 from pathlib import Path
 
+import typer
 from warm_capture import warm_capture
 
+from capture_cli.cli.app import app
 from capture_cli.context.checkpoints.policy_checkpoint import read_policy
 from capture_cli.store.diagnosis import Diagnosis
 from capture_cli.store.estimate import Estimate
@@ -17,6 +19,16 @@ from capture_cli.store.evaluation import Evaluation
 SCRIPT = Path(__file__).resolve().parents[1] / "docs" / "closed_loop.sh"
 STAGES = ("train_policy", "gen_histories", "train_sysid", "record", "identify", "diagnose", "eval_sim2sim")
 MISSING = "control-bias@spatula_x"
+
+
+def loop(*arguments: str | Path, capture: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["bash", str(SCRIPT), *map(str, arguments)],
+        env={**os.environ, "CAPTURE": capture},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def last(folder: Path, name: str) -> list[float]:
@@ -28,13 +40,7 @@ def last(folder: Path, name: str) -> list[float]:
 def test_the_loop_closes_through_the_policy(tmp_path, learn):
     folder = tmp_path / "loop"
     with warm_capture(*STAGES, without_pages=["identify", "diagnose"]) as capture:
-        done = subprocess.run(
-            ["bash", str(SCRIPT), str(folder), "tiny"],
-            env={**os.environ, "CAPTURE": " ".join(capture)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = loop(folder, "tiny", capture=" ".join(capture))
     assert done.returncode == 0, done.stderr
     truth = json.loads((folder / "log.truth.json").read_text())
     # the declared model leaves the log unexplained, and the diagnosis says what it lacks
@@ -57,10 +63,23 @@ def test_the_loop_closes_through_the_policy(tmp_path, learn):
     )
     assert abs(error["declared"] - 0.05) < 0.02 and error["mended"] < 0.5 * error["declared"]
     assert all(0 <= share <= 1 for share in success.values())
+    # what is there is not made again
+    assert loop(folder, "tiny", capture="false").returncode == 0
+
+
+def test_the_robot_plays_the_machines_of_the_full_size(tmp_path):
+    done = loop(tmp_path / "loop", "full", "UR5e", capture="echo capture")
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = [line.split()[1:] for line in done.stdout.splitlines() if line.startswith("capture")]
+    commands = typer.main.get_command(app).commands
+    for name, *options in lines:
+        known = {option for parameter in commands[name].params for option in parameter.opts}
+        assert {option for option in options if option.startswith("--")} <= known
+    assert [name for name, *options in lines if "UR5e" in options] == ["record", *["eval-sim2sim"] * 2]
+    mended = [name for name, *options in lines if "--estimate diagnosis" in " ".join(options)]
+    assert mended == ["train-policy", "gen-histories"]
 
 
 def test_a_size_that_is_none_is_refused(tmp_path):
-    done = subprocess.run(
-        ["bash", str(SCRIPT), str(tmp_path / "loop"), "small"], capture_output=True, text=True, check=False
-    )
+    done = loop(tmp_path / "loop", "small", capture="false")
     assert (done.returncode, done.stderr) == (2, "small: tiny or full\n")
