@@ -114,14 +114,14 @@ class ModelFits:
         if offsets is None and near is not None:
             offsets = near.offsets
         if offsets is not None:
-            carried = self._carried(offsets, theirs, effects)
+            transferred = self._transferred(offsets, theirs, effects)
             points = [start] if near is None else [start, self._as_near(near, effects, start)]
-            start, offsets = self._nearer(part, effects, points, [carried, np.zeros_like(carried)])
+            start, offsets = self._nearer(part, effects, points, [transferred, np.zeros_like(transferred)])
             new = effects[len(_in_common(theirs, effects)) :]
         offsets = self._with_states_found(part, effects, start, offsets, new)
         fit = self._descended(part, effects, start, offsets, effort, near)
-        carried = {e.name for e in theirs}
-        tried = any(len(e.effect.states_tried) and e.name not in carried for e in effects)
+        known = {e.name for e in theirs}
+        tried = any(len(e.effect.states_tried) and e.name not in known for e in effects)
         if tried or (part.difference_step and not effects and not self.from_balance):
             descend = partial(self._descended, part, effects, effort=replace(effort, starts=1))
             fit = escaped(self, part, fit, effort.rival, descend)
@@ -345,16 +345,16 @@ class ModelFits:
         """Outputs as residuals (probe, window, row), and which probes diverged (probe,).
 
         The fit's model with `effect` added at the values `probes` (probe, parameter) of its parameters. states (probe,
-        state): of its own, alike in all windows; 0 where None.
+        state): of its own, the same in all windows; 0 where None.
         """
         simulator = self.simulator((*fit.effects, effect))
         data = part.data(simulator)
         points = np.concatenate([np.repeat(fit.point[None], len(probes), axis=0), probes], axis=1)
         offsets = np.zeros((len(probes), *data.start_sd.shape))
-        carried = fit.offsets.shape[1]
-        offsets[:, :, :carried] = fit.offsets  # the new effect's own states come last
+        known = fit.offsets.shape[1]
+        offsets[:, :, :known] = fit.offsets  # the new effect's own states come last
         if states is not None:
-            offsets[:, :, carried : carried + states.shape[1]] = states[:, None]
+            offsets[:, :, known : known + states.shape[1]] = states[:, None]
         outputs, diverged = part.evaluate(simulator, Trial(points, offsets))
         return data.residual(outputs), diverged.any(axis=1)
 
@@ -374,16 +374,16 @@ class ModelFits:
         own = self.prepared
         return Simulator(own.task, effects, engine=self.engine, difference_step=own.difference_step)
 
-    def _carried(
+    def _transferred(
         self, offsets: np.ndarray, theirs: Sequence[Placed], effects: Sequence[Placed]
     ) -> np.ndarray:
         """Offsets (window, state) of a model with `effects`, from those of one with the effects `theirs`: of the
         machine's own states, and of the first effects that are the same; 0 for the others.
         """
         kept = self._state_count(_in_common(theirs, effects))
-        carried = np.zeros((len(offsets), self._state_count(effects)))
-        carried[:, :kept] = offsets[:, :kept]
-        return carried
+        transferred = np.zeros((len(offsets), self._state_count(effects)))
+        transferred[:, :kept] = offsets[:, :kept]
+        return transferred
 
 
 def _in_common(theirs: Sequence[Placed], effects: Sequence[Placed]) -> list[Placed]:

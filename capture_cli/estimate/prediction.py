@@ -93,12 +93,12 @@ class PredictionErrors:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Steps of the log from `first` to before `stop`, of one episode and one part, without a gap. begun: the step since
-    which their inputs are known.
+    """Steps of the log from `first` to before `stop`, of one episode and one part, without a gap. known_since: the step
+    since which their inputs are known.
     """
 
     episode: int
-    begun: int
+    known_since: int
     first: int
     stop: int
     is_test: bool
@@ -133,7 +133,7 @@ class _Predictions:
                 left_out.append(self._why(own, horizon, is_test))
             elif SETTINGS.same * horizon < self._longest(own):
                 found.append(Prediction(horizon, *self._predicted(spans, free=False)))
-        whole = Spans(*np.array([(s.episode, s.begun, s.first, s.stop) for s in own]).T)
+        whole = Spans(*np.array([(s.episode, s.known_since, s.first, s.stop) for s in own]).T)
         free_runs = Prediction(None, *self._predicted(whole, free=True))
         return PredictionErrors([*found, free_runs], left_out)
 
@@ -161,7 +161,7 @@ class _Predictions:
             steps = np.searchsorted(time, time[self._starts(stretch, horizon)])
             stops = np.searchsorted(time, time[steps] + horizon * (1 + SETTINGS.rounding), side="right")
             found += [
-                (stretch.episode, stretch.begun, stretch.first + a, stretch.first + b)
+                (stretch.episode, stretch.known_since, stretch.first + a, stretch.first + b)
                 for a, b in zip(steps, stops, strict=True)
                 if b - a > 1
             ]

@@ -33,7 +33,7 @@ def scatter_of_steps(series: Sequence[np.ndarray]) -> float:
 def distinct(values: np.ndarray, span: float | None = None) -> np.ndarray:
     """Sorted `values` without those that are the same as the one before but for rounding.
 
-    span: of all that was rounded alike, of which they may be a part; their own where None.
+    span: of all that was rounded to the same steps, of which they may be a part; their own where None.
     """
     apart = np.diff(values) > SETTINGS.finest * (values[-1] - values[0] if span is None else span)
     return values[np.concatenate([[True], apart])]

@@ -118,12 +118,12 @@ class Windows:
 
 @dataclass(frozen=True)
 class Spans:
-    """Where windows are in a log, (window,) each: their episode, the step since which their inputs are known (`begun`),
-    their first step, and the one after their last.
+    """Where windows are in a log, (window,) each: their episode, the step since which inputs are known, their first
+    step, and the one after their last.
     """
 
     episode: np.ndarray
-    begun: np.ndarray
+    known_since: np.ndarray
     first: np.ndarray
     stop: np.ndarray
 
@@ -142,9 +142,9 @@ def cut(
     """
     time, sampled = samples.time, samples.sampled
     spans = [
-        (number, begun, a, b)
+        (number, known_since, a, b)
         for number, steps in enumerate(samples.episodes)
-        for begun, a, b in _spans(
+        for known_since, a, b in _spans(
             time[steps],
             steps.start,
             duration,
@@ -157,9 +157,9 @@ def cut(
 def at_spans(spans: Spans, samples: Log, timestep: float, linear: np.ndarray) -> Windows:
     """The windows of a log at `spans`, which may overlap; the rest is as for `cut`."""
     time, episodes = samples.time, samples.episodes
-    episode, begun, first, stop = spans.episode, spans.begun, spans.first, spans.stop
+    episode, known_since, first, stop = spans.episode, spans.known_since, spans.first, spans.stop
     elapsed = time[first] - time[[episodes[number].start for number in episode]]
-    known = time[first] - time[begun]
+    known = time[first] - time[known_since]
     grid_steps = np.array([_grid_steps(time[a:b], timestep) for a, b in zip(first, stop, strict=True)])
     lead = _steps(known.max(), timestep)
     ahead = _steps(SETTINGS.most_drift * elapsed.max(), timestep)
@@ -167,7 +167,7 @@ def at_spans(spans: Spans, samples: Log, timestep: float, linear: np.ndarray) ->
         LoggedInputs(time, samples.inputs, timestep, linear),
         first=first,
         # the input after a window's last sample is known, if not an episode's
-        known=np.stack([begun, [episodes[number].stop for number in episode]], axis=1),
+        known=np.stack([known_since, [episodes[number].stop for number in episode]], axis=1),
         lead=lead,
         stop=int(grid_steps.max()) + ahead,
     )

@@ -260,8 +260,8 @@ def _forms(own: str) -> list[str]:
     first, rest = re.fullmatch(r"([a-zA-Z°]+)(.*)", _plain(own)).groups()
     short = [name for name, unit in _SHORT.items() if unit.powers == _readings(own)[0].powers]
     sizes = next((sizes for sizes in _SIZES.values() if first in sizes), {})
-    alike = [name for name, size in sizes.items() if name == next(n for n in sizes if sizes[n] == size)]
-    return list(dict.fromkeys([own, *short, *(name + rest for name in alike)]))
+    same_size = [name for name, size in sizes.items() if name == next(n for n in sizes if sizes[n] == size)]
+    return list(dict.fromkeys([own, *short, *(name + rest for name in same_size)]))
 
 
 def _plain(unit: str) -> str:

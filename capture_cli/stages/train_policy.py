@@ -208,17 +208,17 @@ class _Run:
     def train(self, folder: Path, recipe: Mapping[str, Any], quiet: bool) -> None:
         """Train to the end; metrics, and a state to go on from, are written into `folder` at every evaluation."""
         settings, batches = self.trainer.settings, self.trainer.settings.batches
-        begun, clock = self.trainer.step // settings.envs, time.monotonic()
+        done, clock = self.trainer.step // settings.envs, time.monotonic()
         write_metrics(folder, self.metrics)
         seen: list[tuple[np.ndarray, np.ndarray]] = []
-        with Progress("train-policy", "batch", quiet=quiet, total=batches - begun) as progress:
-            for batch in range(begun + 1, batches + 1):
+        with Progress("train-policy", "batch", quiet=quiet, total=batches - done) as progress:
+            for batch in range(done + 1, batches + 1):
                 seen.append(self.trainer.train())
                 if batch % self.every == 0 or batch == batches:
                     self._evaluate(seen)
                     self._save(folder, recipe)
                     seen = []
-                rate = (batch - begun) * settings.envs / (time.monotonic() - clock)
+                rate = (batch - done) * settings.envs / (time.monotonic() - clock)
                 left = (batches - batch) * settings.envs / rate
                 progress.step(self._told(batch * settings.envs, rate, left))
 

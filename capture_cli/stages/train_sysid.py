@@ -90,12 +90,12 @@ def train_sysid(options: TrainSysidOptions) -> dict[str, Any]:
         return Rounds(**store.read(first, last))
 
     trainer = Trainer(kind, TrainingHistories(signature, read, len(store)), architecture, settings, where)
-    begun = {**recipe, "device": asdict(where)}
-    state = load_state(unfinished(out), begun) if resume else None
+    recipe_here = {**recipe, "device": asdict(where)}
+    state = load_state(unfinished(out), recipe_here) if resume else None
     if state is not None:
         trainer.restore(*state)
     with resumable_directory(out, kept=kept, scaffold=OF_STATE, force=options.force, resume=resume) as folder:
-        _train(trainer, folder, begun, options.quiet)
+        _train(trainer, folder, recipe_here, options.quiet)
         document = _finish(trainer, recipe, folder)
         provenance.write(folder)
     return document
@@ -251,14 +251,14 @@ def _trained(out: Path, recipe: Mapping[str, Any]) -> dict[str, Any]:
 
 def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: bool) -> None:
     write_metrics(folder, trainer.metrics)
-    steps, begun, clock = trainer.settings.steps, trainer.step, time.monotonic()
-    left = -(-(steps - begun) // trainer.settings.every)
+    steps, done, clock = trainer.settings.steps, trainer.step, time.monotonic()
+    left = -(-(steps - done) // trainer.settings.every)
     with Progress("train-sysid", "evaluation", quiet=quiet, total=left) as progress:
         for metrics in trainer.run():
             write_metrics(folder, trainer.metrics)
             save_state(folder, *trainer.state(), recipe)
             step, loss = metrics["step"], metrics["validation_loss"]
-            rate = (step - begun) / (time.monotonic() - clock)
+            rate = (step - done) / (time.monotonic() - clock)
             progress.step(
                 f"step {step} of {steps}, validation loss {loss:.3g}, "
                 f"{rate:.1f} steps/s, {(steps - step) / rate:.0f} s left at most"

@@ -32,7 +32,7 @@ def write_metrics(folder: Path, metrics: Iterable[Mapping[str, Any]]) -> None:
 def save_state(
     folder: Path, counters: Mapping[str, Any], arrays: Mapping[str, np.ndarray], recipe: Mapping[str, Any]
 ) -> None:
-    """Put the state into `folder` in place of the last one. recipe: all that two runs that do alike have in common."""
+    """Put the state into `folder` in place of the last one. recipe: what runs that do the same have in common."""
     beside = folder / NEW_STATE
     save_arrays(beside, arrays, {"counters": json.dumps(counters), "recipe": json.dumps(recipe)})
     beside.replace(folder / STATE)
@@ -48,8 +48,8 @@ def load_state(
     state = read_state(folder)
     if state is None:
         return None
-    begun, counters, arrays = state
-    check_recipe(begun, recipe)
+    earlier, counters, arrays = state
+    check_recipe(earlier, recipe)
     return counters, arrays
 
 
@@ -79,12 +79,12 @@ def kept(folder: Path) -> str:
     return "what was learned up to the last evaluation is kept" if (folder / STATE).is_file() else ""
 
 
-def check_recipe(begun: Mapping[str, Any], recipe: Mapping[str, Any]) -> None:
-    """Raise OptionError where a run that goes on, or is complete, was `begun` with another recipe."""
+def check_recipe(earlier: Mapping[str, Any], recipe: Mapping[str, Any]) -> None:
+    """Raise OptionError where a run that goes on, or is complete, began with an `earlier` recipe that is another."""
     wanted = json.loads(json.dumps(recipe))
-    if begun != wanted:
+    if earlier != wanted:
         raise OptionError(
-            f"--resume: the run was begun otherwise: {'; '.join(_differences(begun, wanted))}",
+            f"--resume: the run was begun otherwise: {'; '.join(_differences(earlier, wanted))}",
             cure="give the options it was begun with, or begin anew with --force",
         )
 

@@ -73,8 +73,8 @@ class Recipe:
         of_machines = np.stack([self.effects.drawn(g, 1)[0] for g in generators])
         # where machines have no effects of their own, the last round simulates the target itself: one simulation is
         # both trajectories
-        alike = not self.effects.vary
-        own = self.rounds - alike
+        shared = not self.effects.vary
+        own = self.rounds - shared
         under = np.concatenate(
             [
                 _with(parameters[:, :own], self.effects.middle),
@@ -85,7 +85,7 @@ class Recipe:
         driven = np.concatenate([actions[:, :own], actions], axis=1)
         trajectories, diverged = _simulate(simulator, under, driven)
         simulated, measured = trajectories[:, :own], trajectories[:, own:]
-        if alike:
+        if shared:
             simulated = np.concatenate([simulated, measured[:, -1:]], axis=1)
         measured = observation_noise.apply(self.noise, measured, generators)
         if any(self.noise_sd):

@@ -88,7 +88,7 @@ class Signature:
 
 
 def _unlike(what: str, mine: Sequence[str], theirs: Sequence[str]) -> list[str]:
-    """The line that says in what two lists of names differ, the first `most_named`; none where they are alike."""
+    """The line that says in what two lists of names differ, the first `most_named`; none where they are the same."""
     pairs = [f"{a}, and here {b}" for a, b in zip_longest(mine, theirs, fillvalue="none") if a != b]
     most_named = 3  # differences of one kind
     more = f"; and {len(pairs) - most_named} more" if len(pairs) > most_named else ""

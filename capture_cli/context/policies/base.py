@@ -41,7 +41,7 @@ class TrainingSettings:
 
 
 class Trainer(ABC):
-    """Trains a policy, batch by batch. Two trainers made alike do alike, on the same machine.
+    """Trains a policy, batch by batch. Two trainers with the same arguments do the same, on the same machine.
 
     settings: as given. step: episodes so far.
     """

@@ -4,7 +4,8 @@
     gymnasium.make("capture/TableAirHockey-v0", robots="Panda")
 
 Importing this module registers both. The model of the plant, `capture_cli/model/tasks/air_hockey.xml`, is part of
-the scene as it stands, and stepped with its options, so that a mallet that moves alike strikes the puck alike.
+the scene as it stands, and stepped with its options, so that a mallet with the same motion strikes the puck
+in the same way.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
     gymnasium.make("capture/ObjectScooping-v0", robots="Panda")
 
 Importing this module registers both. The model of the plant, `capture_cli/model/tasks/scooping.xml`, is part of the
-scene as it stands, and stepped with its options, so that a spatula that moves alike lifts the rod alike.
+scene as it stands, and stepped with its options, so that a spatula with the same motion lifts the rod in the same way.
 """
 
 from __future__ import annotations

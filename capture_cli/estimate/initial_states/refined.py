@@ -26,8 +26,8 @@ class SETTINGS:
     rounds: int = 30
     patience: int = 2  # rounds
     damping_step: float = 10.0
-    begun: int = 4  # of the places where a window may begin, that it is begun at
-    searches: int = 2  # times that windows which stand out are begun elsewhere
+    descents: int = 4  # of the initial states that a window may have, that are descended from
+    searches: int = 2  # times that other initial states are looked for
     axis_shares: tuple[float, ...] = (-1.0, -0.3, 0.3, 1.0)  # of a state's sd, by which it alone is moved
     drawn: int = 16  # places where they are, drawn from what is known of starts beforehand
     # Where contacts make the error jump no slope leads to the bottom: so many places are drawn, and then so
@@ -57,7 +57,7 @@ def fit_starts(
     """The linearization where starts near `offsets` (window, state), or near those in `also`, are the best.
 
     The data has no parameters. tolerance: of the objective over k, summed over windows. thorough: whether windows
-    that stand out after all are begun with one state after the other elsewhere.
+    that stand out after all get other initial states, one state after the other.
     """
     found = _settled(data, evaluate, offsets, tolerance)
     if also is not None:
@@ -78,7 +78,7 @@ def fit_starts(
         own = _of_windows(evaluate, stuck)
         if data.rough:
             others = _nearer(before.data, own, others, k, generator)
-        after = _begun_elsewhere(before, own, others, tolerance, k)
+        after = _with_other_states(before, own, others, tolerance, k)
         found = found.with_windows(stuck, after)
         if (before.objectives(k) - after.objectives(k)).sum() < tolerance * k:
             break
@@ -92,8 +92,9 @@ def _scatter_of_others(found: Linearization, stuck: np.ndarray) -> float:
 
 
 def _along_axes(found: Linearization, evaluate: EvaluateWindows, tolerance: float) -> Linearization:
-    """`found`, with the windows that still stand out begun where one state is another: a height that nothing measures,
-    by which a wheel is pressed to the floor or is in the air. Draws of all states at once are nowhere near.
+    """`found`, with the windows that still stand out at initial states of which one is another: a height that
+    nothing measures, by which a wheel is pressed to the floor or is in the air. Draws of all states at once are nowhere
+    near.
     """
     stuck = found.data.standing_out(found.residual)
     if not stuck.size:
@@ -113,7 +114,7 @@ def _of_windows(evaluate: EvaluateWindows, which: np.ndarray) -> EvaluateWindows
     return lambda keep, trial: evaluate(which[keep], trial)
 
 
-def _begun_elsewhere(
+def _with_other_states(
     found: Linearization,
     evaluate: EvaluateWindows,
     others: np.ndarray,
@@ -122,16 +123,16 @@ def _begun_elsewhere(
 ) -> Linearization:
     """`found`, with the windows that descend to a better start from one of `others` (trial, window, state).
 
-    The most promising are begun at: before its descent the best of them need not be the one that leads to the best.
+    Descents begin at the most promising: the best before its descent need not be the one that leads to the best.
     """
     window = np.arange(others.shape[1])
     values = _values(found.data, evaluate, others, k)
     order = np.argsort(values, axis=0, kind="stable")
-    begun = SETTINGS.begun
+    descents = SETTINGS.descents
     if not found.data.hidden:  # then starts are known well enough for the best to be better as it is
         gains = np.maximum(found.objectives(k) - values[order[0], window], 0.0)
-        begun = 1 if gains.sum() >= tolerance * k else 0
-    for place in order[:begun]:
+        descents = 1 if gains.sum() >= tolerance * k else 0
+    for place in order[:descents]:
         found = _or_from(found, evaluate, others[place, window], tolerance, k)
     return found
 

@@ -1,4 +1,4 @@
-"""Noise from repeats: episodes that were driven alike from the same start differ by noise alone.
+"""Noise from repeats: episodes that were driven in the same way from the same start differ by noise alone.
 
 Starts are never quite the same, and what they change goes on for as long as the machine remembers. Before anything is
 simulated, differences are taken block by block, with a cubic off each: that holds what a slightly different start does
@@ -47,9 +47,10 @@ def repeats(
     """
     sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
     groups: list[list[int]] = []
-    alike: dict[tuple, list[list[int]]] = {}  # only episodes that look alike are compared number by number
+    # only episodes that look the same are compared number by number
+    by_look: dict[tuple, list[list[int]]] = {}
     for number, steps in enumerate(episodes):
-        near = alike.setdefault((steps.stop - steps.start, _about(driven_by[number])), [])
+        near = by_look.setdefault((steps.stop - steps.start, _about(driven_by[number])), [])
         for group in near:
             first = group[0]
             same = _same_times(time[episodes[first]], time[episodes[number]]) and _same(
@@ -120,7 +121,7 @@ def _basis(sensitivity: np.ndarray) -> np.ndarray:
 
 
 def _about(driven: np.ndarray) -> tuple:
-    """What drove episodes that were driven alike has, too, but for rounding at worst."""
+    """What drove episodes that were driven in the same way has, too, but for rounding at worst."""
     return driven.shape, *(f"{value:.4g}" for value in (driven.min(initial=0), driven.max(initial=0)))
 
 
@@ -141,7 +142,7 @@ _Episode = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _same_start(a: _Episode, b: _Episode, noise_sd: np.ndarray) -> bool:
-    """Whether the values and slopes of two episodes begin alike, within what noise can do.
+    """Whether the values and slopes of two episodes begin the same, within what noise can do.
 
     By the first samples of each output: those of one that is sparse are later ones, and not of the same steps.
     """

@@ -96,14 +96,14 @@ def profile(
 class _Place:
     """Parameter `held` at `to`, in the unit cube, and what the others, refitted, leave there.
 
-    begun: the linearization that it begins with. asked: points (x, offsets) to simulate next. at: the best of those
+    origin: the linearization that it begins with. asked: points (x, offsets) to simulate next. at: the best of those
     that were; None where all diverged, of which nothing is known. allowed: whether noise may be what the error is more
     than at the estimate, or nothing is known; excluded: whether not, and what more of a refit promises would not do.
     """
 
     held: int
     to: float
-    begun: Linearization
+    origin: Linearization
     asked: list[tuple[np.ndarray, np.ndarray]]
     at: Linearization | None = None
     allowed: bool = True
@@ -157,13 +157,13 @@ class _Profiles:
         """Of the objective, from the estimate to there."""
         return float((there.objectives(self.k) - self.at.objectives(self.k)).sum())
 
-    def place(self, held: int, to: float, begun: Linearization) -> _Place:
+    def place(self, held: int, to: float, origin: Linearization) -> _Place:
         """To begin with the others as they are, and where the sensitivities say that they are best."""
-        alone = begun.x.copy()
+        alone = origin.x.copy()
         alone[held] = to
-        dx = self._step(begun, held, to - begun.x[held])
-        ridge = np.clip(begun.x + dx, 0, 1)
-        return _Place(held, to, begun, [(alone, begun.offsets), (ridge, begun.start_offsets(dx, self.k))])
+        dx = self._step(origin, held, to - origin.x[held])
+        ridge = np.clip(origin.x + dx, 0, 1)
+        return _Place(held, to, origin, [(alone, origin.offsets), (ridge, origin.start_offsets(dx, self.k))])
 
     def measured(self, there: Linearization) -> Linearization:
         """`there`, with its sensitivities measured where they were updated."""
@@ -192,12 +192,12 @@ class _Profiles:
         lost = diverged.any(axis=1) | ~np.isfinite(residuals).all(axis=(1, 2))
         told = iter(zip(residuals, lost, strict=True))
         for place in places:
-            begun = place.at or place.begun
+            origin = place.at or place.origin
             for x, offsets in place.asked:
                 residual, is_lost = next(told)
                 if is_lost:
                     continue
-                there = begun.moved(x, offsets, residual)
+                there = origin.moved(x, offsets, residual)
                 if place.at is None or self.rise(there) < self.rise(place.at):
                     place.at = there
             place.asked = []

@@ -24,7 +24,7 @@ from capture_cli.estimate.solve.linearization import Linearization, Trial, trial
 class SETTINGS:
     known: float = 1.0  # free numbers, at most, that known starts amount to
     away: float = 2.0  # sd: where the error is compared with its parabola
-    alike: float = 1.5  # times: by as much they may differ
+    ratio: float = 1.5  # times: by as much they may differ
     most_parameters: int = 2  # of more so few points say too little
     scales: tuple[float, ...] = (1.0, 4.0, 16.0, 64.0)  # times the sd by the curvature, of the first points
     points: int = 32  # of a round
@@ -93,7 +93,7 @@ def is_rough(at: Linearization, covariance: np.ndarray, evaluate: Evaluate) -> b
     moves = np.clip(at.x + np.concatenate([ridges, -ridges]), 0, 1) - at.x
     expected = -np.array([at.predicted_gain(dx, at.offsets, k) for dx in moves])
     rises = _objectives(at, at.x + moves, evaluate) - at.objectives(k).sum()
-    apart = (rises < expected / SETTINGS.alike) | (rises > SETTINGS.alike * expected)
+    apart = (rises < expected / SETTINGS.ratio) | (rises > SETTINGS.ratio * expected)
     return bool((apart & (np.maximum(np.abs(rises), expected) > k)).any())
 
 

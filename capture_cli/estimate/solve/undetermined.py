@@ -5,8 +5,8 @@ known by, the information has an eigenvalue next to 0 along what is not known: c
 and Welsch, Regression Diagnostics, 1980, chapter 3). Of two parameters it is 1 less their correlation.
 
 Which parameters belong together is told by the projector on all such directions, not by eigenvectors: those of two
-joints that are alike would be mixed at random. Parameters that change by the same share along one are known but for a
-common factor: a servo's gain, armature, damping and friction, where nothing else says how large forces are.
+joints that are the same would be mixed at random. Parameters that change by the same share along one are known but for
+a common factor: a servo's gain, armature, damping and friction, where nothing else says how large forces are.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class SETTINGS:
     most: float = 0.5  # of a parameter's variance, that comes from what it is confounded with
     # of the projector: less is between parameters that have nothing to do with each other
     together: float = 0.1
-    alike: float = 0.1  # by which relative changes differ that are one factor
+    one_factor: float = 0.1  # by which relative changes differ that are one factor
     rounding: float = 1e-13  # of the largest eigenvalue
     snap: float = 1e-9  # of the range: nearer to a bound a value is at it
 
@@ -245,4 +245,4 @@ class _Group:
 def _is_one(shares: np.ndarray) -> bool:
     """Whether shares (n,), whatever their signs, are one number but for what is not known of them."""
     sizes = np.abs(shares)
-    return bool(sizes.max() <= (1 + SETTINGS.alike) * sizes.min())
+    return bool(sizes.max() <= (1 + SETTINGS.one_factor) * sizes.min())

@@ -21,7 +21,7 @@ class Degrees(Check):
     def findings(self, given):
         log, task = given.log, given.task
         like_degrees = 0.1  # of that factor, is how near to it the one between two channels is
-        alike = 0.95  # correlation of two channels that show the same motion
+        correlated = 0.95  # correlation of two channels that show the same motion
         for k, c, joint in _hinge_outputs(task, mujoco.mjtSensor.mjSENS_JOINTPOS):
             angle = log.outputs[:, k]
             others = [
@@ -36,7 +36,7 @@ class Degrees(Check):
             ]
             for name, how, reference in others:
                 likeness, factor = _likeness(angle, reference, log.episodes)
-                if likeness < -alike:
+                if likeness < -correlated:
                     yield finding(
                         "warning",
                         f"output {c.name}",
@@ -44,7 +44,7 @@ class Degrees(Check):
                         "write a negative scale under the one that does, and import again",
                     )
                 if (
-                    abs(likeness) < alike
+                    abs(likeness) < correlated
                     or min(abs(factor * DEGREES - 1), abs(factor / DEGREES - 1)) > like_degrees
                 ):
                     continue

@@ -52,7 +52,7 @@ def _marks(log: MeasuredLog, recording: int, digests: Sequence[str | None]) -> l
 def _digests(log: MeasuredLog) -> list[str | None]:
     """Of what each episode holds, time, inputs, outputs and the action, (episode,); None where no output changes.
 
-    Machines at rest are alike.
+    Episodes of machines at rest are the same.
     """
     found = []
     for number, steps in enumerate(log.episodes):

@@ -23,7 +23,7 @@ class SETTINGS:
     longest_line: int = 2**20  # characters: a thousand columns take a hundredth
     tail: int = 2**16  # bytes at the end of a file, in which its last line is compared with those before
     fewest_above: int = 10  # lines that the last one is compared with
-    first_rows: int = 1000  # lines of a file that are looked at to see whether all are alike
+    first_rows: int = 1000  # lines of a file that are looked at to see whether all have one form
 
 
 csv.field_size_limit(SETTINGS.longest_line)

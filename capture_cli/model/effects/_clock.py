@@ -7,10 +7,10 @@ import numpy as np
 from capture_cli.log.windows import at_times
 
 
-def off_clock(series, *, error, begun=0.0):
-    """The series at (1 + error) times its time, which is `begun` steps at the first row."""
+def off_clock(series, *, error, elapsed_steps=0.0):
+    """The series at (1 + error) times its time, which is `elapsed_steps` steps at the first row."""
     steps = np.arange(series.shape[-2])[:, None]
-    return at_times(series, steps * (1 + error) + error * begun)
+    return at_times(series, steps * (1 + error) + error * elapsed_steps)
 
 
 def on_time(derivatives, *, error):

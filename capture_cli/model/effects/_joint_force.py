@@ -106,10 +106,10 @@ class ForceOfKernel:
         self.world: World | None = None
 
     def __call__(self, world: World) -> None:
-        term = self.begun(world)
+        term = self.kernel_in(world)
         self.effect.add(world, term(*(self.effect.read(world, field) for field in self.reads)))
 
-    def begun(self, world: World) -> Callable:
+    def kernel_in(self, world: World) -> Callable:
         """The kernel with the coefficients of this chunk: afresh where one begins, and with it another state."""
         if world is not self.world:
             self.world, self.term = world, bound(self.effect.kernel, self.own(world), self.timestep)

@@ -132,7 +132,7 @@ class TransmissionSeenFromMotor(TransmissionForce):
 
     def __call__(self, world):
         begins = world is not self.world
-        term, encoders = self.begun(world), self.effect.on_motor
+        term, encoders = self.kernel_in(world), self.effect.on_motor
         # before the kernel sees the speed: it takes the change of it for an acceleration
         if begins and encoders.tell_speed(self.effect.logged):
             encoders.begin_with_speed(world.qvel, term.rate)

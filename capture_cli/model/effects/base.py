@@ -163,8 +163,8 @@ class Effect(ABC):
         from 0 can miss them; none where it finds them.
     states_anywhere: whether 0 is no better a guess of its states than any other: a fit begins with the best of those
         tried.
-    states_scored: points (point, state), alike in all windows, at which a score at null is taken: what an integral held
-        before the log began shows more than what it did since.
+    states_scored: points (point, state), the same in all windows, at which a score at null is taken: what an integral
+        held before the log began shows more than what it did since.
     """
 
     place: ClassVar[str]

@@ -103,7 +103,7 @@ class ForceOfUnseenBase(ForceOfKernel):
     """What holds the masses back that move on the base while it accelerates, over a batch, chunk after chunk."""
 
     def __call__(self, world: World) -> None:
-        effect, base = self.effect, self.begun(world)
+        effect, base = self.effect, self.kernel_in(world)
         masses, subtrees = world.vary("body_mass"), world.vary("body_subtreemass")
         per_speed = momentum_along(effect.model, effect.axis, world.cdof, world.subtree_com, subtrees)
         momentum, force = (per_speed * world.qvel).sum(axis=1), (per_speed * world.qacc).sum(axis=1)

@@ -102,9 +102,9 @@ class HystereticFriction(FollowedForce):
 class ForceWoundUpToHere(ForceOfKernel):
     """That of bristles wound up by the way to where a simulation begins: its first call has no way left to go."""
 
-    def begun(self, world):
+    def kernel_in(self, world):
         begins = world is not self.world
-        bristles = super().begun(world)
+        bristles = super().kernel_in(world)
         bristles.timestep = 0.0 if begins else self.timestep
         return bristles
 

@@ -22,9 +22,9 @@ def gyroscopic_force(qvel, qacc, axes, frame, *, momentum, timestep):
     frame (..., 3, 3): the body's in the world; momentum (..., 3): in the body's. w is that of the middle of the step,
     going on as in the step before, of which qacc is: with that of its beginning nutation grows by itself.
     """
-    carried = (frame * momentum[..., None, :]).sum(axis=-1)  # no @, which rounds by how many it is given
+    in_world = (frame * momentum[..., None, :]).sum(axis=-1)  # no @, which rounds by how many it is given
     turning = ((qvel + timestep / 2 * qacc)[..., None] * axes).sum(axis=-2)
-    return (axes * np.cross(carried, turning)[..., None, :]).sum(axis=-1)
+    return (axes * np.cross(in_world, turning)[..., None, :]).sum(axis=-1)
 
 
 class InternalMomentum(Effect):

@@ -58,8 +58,8 @@ class SensorOwnClock(SensorEffect):
         return (Parameter("error", "1", -most, most, 0.0),)
 
     def measure(self, sensors, values, timestep, *, elapsed=0.0, **_):
-        begun = np.broadcast_to(np.asarray(elapsed) / timestep, len(values))
-        return self.measured(sensors, values, timestep, begun=begun[:, None])
+        steps = np.broadcast_to(np.asarray(elapsed) / timestep, len(values))
+        return self.measured(sensors, values, timestep, elapsed_steps=steps[:, None])
 
     def lateness(self, values, elapsed=0.0):
         late = np.zeros((len(values), self.model.nsensordata))

@@ -108,7 +108,7 @@ class ServoIntegral(FollowedForce):
         )
 
     def shape_grid(self, count=5):
-        # of limits that are alike, as nothing reaches them, the first is taken: it is to be the highest
+        # of limits that do the same, as nothing reaches them, the first is taken: it is to be the highest
         return super().shape_grid(count)[::-1]
 
     def look_in(self, log):
@@ -126,7 +126,7 @@ class ServoIntegral(FollowedForce):
         return super().shows and self.actuator in self.seen.controls
 
     def force_since(self, given, timestep, first, states):
-        return ForceSinceBefore(self, given | {"first": first, "begun": states[:, 0]}, timestep)
+        return ForceSinceBefore(self, given | {"first": first, "initial": states[:, 0]}, timestep)
 
     def gears(self, world: World) -> np.ndarray:
         """(simulation,), which a parameter may have changed."""
@@ -192,15 +192,15 @@ class ServoIntegral(FollowedForce):
         ki: np.ndarray,
         limit: np.ndarray,
         first: np.ndarray,
-        begun: np.ndarray,
+        initial: np.ndarray,
         gears: np.ndarray,
         timestep: float,
     ) -> np.ndarray:
-        """z (simulation,) at the steps `first` of the log, where at the start of the stretch it was `begun` times what
-        is common, or what it takes to hold a load: it may have been held for long.
+        """z (simulation,) at the steps `first` of the log, where at the start of the stretch it was `initial` times
+        what is common, or what it takes to hold a load: it may have been held for long.
         """
         common = np.maximum(self._common, self._holding(np.maximum(ki, SETTINGS.tiny)))
-        begin = np.clip(np.minimum(common, limit) * begun, -limit, limit)
+        begin = np.clip(np.minimum(common, limit) * initial, -limit, limit)
         term = IntegralTerm(ki=np.zeros(len(limit)), limit=limit, timestep=0.0, integral=begin)
         ways = np.zeros((len(first), 1 + TURNING_POINTS.remembered))
         for gear in np.unique(gears):
@@ -228,7 +228,7 @@ class ForceSinceBefore(ForceOfKernel):
 
     def own(self, world):
         own = super().own(world)
-        before = {name: own.pop(name) for name in ("first", "begun")}
+        before = {name: own.pop(name) for name in ("first", "initial")}
         gears = self.effect.gears(world)
         own["integral"] = self.effect.integral(**own, **before, gears=gears, timestep=self.timestep)
         return own

@@ -227,12 +227,12 @@ class Report:
 
     def _arrays(self, found: Intervals, offsets, simulated, nominal, recordings) -> dict[str, np.ndarray]:
         mask = self.prepared.windows.mask
-        begun = self.prepared.begun(self.fits.simulator([]), self.best.parameters, offsets)
+        initial = self.prepared.begun(self.fits.simulator([]), self.best.parameters, offsets)
         arrays = {
             **measured_arrays(self.prepared),
             "window/is_test": self.is_test,
             "window/start_offset": offsets,
-            **start_arrays(self.prepared, begun),
+            **start_arrays(self.prepared, initial),
             "step/simulated": simulated[mask],
             "step/nominal": nominal[mask],
             "parameter/estimate": self.best.parameters,

@@ -279,11 +279,11 @@ def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
     }
 
 
-def start_arrays(prepared: PreparedLog, begun: Begun) -> dict[str, np.ndarray]:
+def start_arrays(prepared: PreparedLog, initial: Begun) -> dict[str, np.ndarray]:
     """The state that the simulation of each window begins with, and its time by the log's clock."""
-    starts = begun.starts
+    starts = initial.starts
     return {
-        "window/start_time": prepared.log.time[prepared.windows.first] + begun.drift,
+        "window/start_time": prepared.log.time[prepared.windows.first] + initial.drift,
         "window/start_qpos": starts.qpos,
         "window/start_qvel": starts.qvel,
         "window/start_act": starts.act,

@@ -107,9 +107,9 @@ def _begin(folder: Path, plan: EvaluationPlan) -> None:
     path, beside = folder / RECIPE, folder / NEW_RECIPE
     (folder / PARTS).mkdir(exist_ok=True)
     if path.is_file():
-        begun = read_json(path, StoreError, cure="begin anew with --force")
-        _refuse_other(begun, plan, folder)
-        if begun.get("code") == code_hash():
+        noted = read_json(path, StoreError, cure="begin anew with --force")
+        _refuse_other(noted, plan, folder)
+        if noted.get("code") == code_hash():
             return
         if count := kept_parts(folder):
             raise OptionError(

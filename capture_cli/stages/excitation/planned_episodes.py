@@ -30,8 +30,8 @@ class Known:
     point (parameter,), covariance (p, p), in the parameters' own units. noise: of the outputs, as the estimate has it.
     interval: s, between the steps of its log; apart (output,): s, between the samples of an output that has none in
     some of them, 0 of the others. window: s, of the fit's windows; None for whole episodes. acted: whether the fit
-    began episodes where their actions say. variance: of its residual over that of the noise; alike: s, how much longer
-    than an interval its samples stay alike.
+    began episodes where their actions say. variance: of its residual over that of the noise; correlated: s,
+    by how much its autocorrelation time is longer than an interval.
     """
 
     point: np.ndarray
@@ -42,7 +42,7 @@ class Known:
     window: float | None
     acted: bool
     variance: float
-    alike: float
+    correlated: float
 
     @classmethod
     def of(cls, task: Task, estimate: Estimate, window: float | None) -> Known:
@@ -64,12 +64,12 @@ class Known:
             window=task.log.window if window is None else window,
             acted=isinstance(task, ActionTask) and rounds is not None and not rounds["fallback"],
             variance=lack["normalized"] ** 2,
-            alike=(lack["autocorrelation_time"] - 1) * interval,
+            correlated=(lack["autocorrelation_time"] - 1) * interval,
         )
 
     def inflation(self, interval: float) -> float:
         """k, as of a `Linearization`, of a residual with samples `interval` s apart."""
-        return max(1.0, self.variance * (1 + self.alike / interval))
+        return max(1.0, self.variance * (1 + self.correlated / interval))
 
 
 def _usual_interval(time: np.ndarray, window: np.ndarray) -> float:

@@ -164,7 +164,7 @@ class InContext:
         """`in_context` of estimate.json.
 
         contradicted: by the fit. fallback: the fit from the proposal did not explain the log, and the starts of its
-        windows were freed. elsewhere: that did not either, and fits were begun in other places.
+        windows were freed. elsewhere: that did not either, and fits began in other places.
         """
         names = self.checkpoint.model.signature.space.names
         sd = self.sd
@@ -251,7 +251,7 @@ def walk_log(
         seed=options.seed,
     )
     if before is not None:
-        _check_alike(before, signature, chosen.path)
+        _check_readable(before, signature, chosen.path)
         identifier.recall(before)
     walk = run_rounds(
         identifier,
@@ -267,7 +267,7 @@ def walk_log(
     return InContext(checkpoint, chosen.path, walk, used, logged, beyond)
 
 
-def _check_alike(earlier: Rounds, signature: Signature, path: Path) -> None:
+def _check_readable(earlier: Rounds, signature: Signature, path: Path) -> None:
     """Raise OptionError where the rounds made before are of other actions or points than the identifier reads."""
     found = (earlier.actions.shape[2], *earlier.measured.shape[2:])
     wanted = (len(signature.actions), *signature.trajectory_shape)
