@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks import ROOT
 from capture_cli.errors import CaptureError
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
@@ -38,7 +39,7 @@ class NoAnswer(CaptureError):
 
 @dataclass(frozen=True)
 class Answer:
-    """diagnosis.json, and what it took: seconds of the clock, and of the CPU of the whole process."""
+    """The JSON that was printed, and what it took: seconds of the clock, and of the CPU of the whole process."""
 
     document: dict[str, Any]
     seconds: float
@@ -61,25 +62,28 @@ def ask(task: Task, log: MeasuredLog, root: Path, *, seed: int = 0, hidden: Sequ
         command = [sys.executable, "-c", _CAPTURE, _effects_of(root), " ".join(hidden)]
         command += ["diagnose", "--real-log", "log.zarr"]
         command += ["--task", "task.toml", "--out", "out", "--seed", str(seed), "--threads", "1"]
-        began, cpu = time.perf_counter(), _cpu_of_children()
-        try:
-            ended = subprocess.run(
-                [*command, "--json", "--quiet"],
-                cwd=folder,
-                env={**os.environ, **ONE_THREAD, "PYTHONPATH": str(root)},
-                capture_output=True,
-                text=True,
-                timeout=LONGEST,
-            )
-        except subprocess.TimeoutExpired as error:
-            raise NoAnswer(
-                f"no diagnosis within {LONGEST:g} s", cure="look at the log of this case"
-            ) from error
-        if ended.returncode:
-            raise NoAnswer(
-                ended.stderr.strip().replace(folder, ".")[-500:], cure="look at the log of this case"
-            )
-        taken = time.perf_counter() - began, _cpu_of_children() - cpu
+        return answered(command, Path(folder), root)
+
+
+def answered(command: Sequence[str], folder: Path, root: Path = ROOT) -> Answer:
+    """What a command of the version in `root` answers in `folder`. Raises NoAnswer."""
+    began, cpu = time.perf_counter(), _cpu_of_children()
+    try:
+        ended = subprocess.run(
+            [*command, "--json", "--quiet"],
+            cwd=folder,
+            env={**os.environ, **ONE_THREAD, "PYTHONPATH": str(root)},
+            capture_output=True,
+            text=True,
+            timeout=LONGEST,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise NoAnswer(f"no answer within {LONGEST:g} s", cure="look at the log of this case") from error
+    if ended.returncode:
+        raise NoAnswer(
+            ended.stderr.strip().replace(str(folder), ".")[-500:], cure="look at the log of this case"
+        )
+    taken = time.perf_counter() - began, _cpu_of_children() - cpu
     return Answer(json.loads(ended.stdout), *(round(t, 3) for t in taken))
 
 

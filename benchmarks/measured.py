@@ -1,0 +1,142 @@
+"""Measured logs of real machines through whole processes: what is found, the error on data never fitted, the time.
+
+The logs are in $CAPTURE_REAL_DATA or ../shared/data, each with a README that says where it is from.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks import ROOT
+from benchmarks._planted.asking import answered
+from benchmarks._planted.outcomes import placed
+from benchmarks.base import Benchmark, Figure, Result
+from capture_cli.errors import OptionError
+from capture_cli.stages.import_log import import_log
+
+EXAMPLES = ROOT / "docs" / "examples"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Files of a folder of the real logs, and how they are asked about. task: a file there, or one of the examples.
+
+    effects: what is missing, as far as that is known. error, output: which error of which output is looked at on the
+    held-out part; scale: to `unit`. limits: of that error, and of the seconds that the process takes.
+    """
+
+    name: str
+    folder: str
+    files: Sequence[str]
+    task: str
+    test: str
+    effects: frozenset[str]
+    error: str
+    output: str
+    unit: str
+    scale: float
+    limits: tuple[float, float]
+
+
+SO101 = ("friction_gravity_20_50", "multisine_20_50", "step_response_20_50", "prbs_excitation_20_50")
+SO101_TEST = ("backlash_detection", "trapezoidal_profile", "inertia_coupling")
+MACHINES = (
+    Measured(
+        "EMPS",
+        "emps",
+        ["*.csv"],
+        "emps/mass_and_damping.toml",
+        "emps_test*",
+        frozenset({"coulomb-friction@x", "direction-dependent-viscous@x"}),
+        "rmse",
+        "q",
+        "mm",
+        1e3,
+        (0.52, 8.0),
+    ),
+    Measured(
+        "XL330",
+        "bam_xl330",
+        ["*_sin_sin.csv", "*_sin_time_square.csv", "*_up_and_down.csv"],
+        "xl330/task.toml",
+        "*kp400*",
+        frozenset({"load-dependent-friction@q"}),
+        "mae",
+        "q",
+        "rad",
+        1.0,
+        (0.0098, 60.0),
+    ),
+    Measured(
+        "SO-101",
+        "so101",
+        [f"{name}.csv" for name in (*SO101, *SO101_TEST)],
+        "task_arm.toml",
+        ",".join(SO101_TEST),
+        frozenset(),
+        "rmse",
+        "elbow_flex_pos",
+        "deg",
+        57.29578,
+        (0.4, 180.0),
+    ),
+)
+
+
+class RealMachines(Benchmark):
+    summary = "measured logs of real machines: what diagnose finds, the error on data never fitted, the time"
+
+    def run(self) -> Result:
+        data = Path(os.environ.get("CAPTURE_REAL_DATA", ROOT / ".." / "shared" / "data"))
+        if not data.is_dir():
+            raise OptionError(
+                f"no real logs at {data}", cure="set CAPTURE_REAL_DATA to the folder that holds them"
+            )
+        result = Result()
+        for machine in MACHINES:
+            self._add(machine, data.resolve() / machine.folder, result)
+        return result
+
+    def _add(self, machine: Measured, data: Path, result: Result) -> None:
+        task = data / machine.task if (data / machine.task).is_file() else EXAMPLES / machine.task
+        with tempfile.TemporaryDirectory() as folder:
+            files = sorted(f for pattern in machine.files for f in data.glob(pattern))
+            import_log(files=files, task=str(task), out=Path(folder) / "log.zarr")
+            command = [
+                sys.executable,
+                "-m",
+                "capture_cli",
+                "diagnose",
+                "--real-log",
+                "log.zarr",
+                "--out",
+                "out",
+            ]
+            answer = answered([*command, "--task", str(task), "--test", machine.test], Path(folder))
+        found = [placed(e) for e in answer.document["effects"]]
+        before, after = (
+            answer.document[stage]["test"][machine.error][machine.output] * machine.scale
+            for stage in ("before", "after")
+        )
+        result.details[machine.name] = {"found": found, "verdict": answer.document["verdict"]}
+        known, others = machine.effects & set(found), set(found) - machine.effects
+        if machine.effects:
+            result.figures.append(
+                Figure(
+                    f"{machine.name}: named of what is missing",
+                    len(known),
+                    target=(len(machine.effects), None),
+                )
+            )
+        result.figures += [
+            Figure(f"{machine.name}: others named", len(others)),
+            Figure(f"  {machine.error} of {machine.output}, held out, declared", before, machine.unit),
+            Figure("  with what was found", after, machine.unit, target=(None, machine.limits[0])),
+            Figure("  whole process", answer.seconds, "s", target=(None, machine.limits[1])),
+            Figure("  CPU", answer.cpu_seconds, "s"),
+        ]
