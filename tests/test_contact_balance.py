@@ -14,6 +14,7 @@ from capture_cli.errors import LogError
 from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.impacts import impacts
 from capture_cli.estimate.balance.motion import SmoothedLog
+from capture_cli.estimate.balance.screening import declared_balance
 
 WALL_AT = 1.2 - 0.2 - 0.04  # m: its middle, half its width, and the radius of the puck
 CORNER = """<mujoco>
@@ -73,6 +74,19 @@ def test_no_force_of_a_coordinate_that_rests_is_asked_of_the_log(puck):
     white = puck.white([puck.balance.null])
     assert puck.whitening.dofs.tolist() == [0, 1]
     assert 0.8 < white.std() < 1.25
+
+
+def test_a_stretch_that_is_shorter_than_any_row_is_left_out():
+    """Between two impacts: a few points in it do not determine a spline through it."""
+    made = Made.of("cart_pole", episodes=3)
+    log = made.prepared.log.arrays
+    within = np.ones(len(log.time), dtype=bool)
+    within[[100, 113]] = False
+    smoothed = SmoothedLog.of(log, made.experiment.task, within)
+    assert smoothed.every > 1
+    assert not any(part.start == 101 for part in smoothed.parts)
+    assert any(part.start == 114 for part in smoothed.parts)
+    declared_balance(smoothed, made.experiment.task.space.nominal, 1)
 
 
 def test_a_joint_that_no_sensor_shows_and_that_moves_leaves_no_balance():

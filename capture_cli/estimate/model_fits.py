@@ -48,7 +48,7 @@ class Effort:
     rival: a fit of the same part; this one is stopped early where it stays far behind, less early where it has fewer
     parameters: of two that do as well it would be the better. to_reach: the error that is asked of it; it is stopped,
     less early, where it stays far above. needed: the error above which the model is of no use; it is stopped where it
-    does not promise to get there.
+    does not promise to get there. escapes: whether poor minima that contacts make are escaped from.
     """
 
     rounds: int = SETTINGS.fit_rounds
@@ -58,6 +58,7 @@ class Effort:
     rival: Fit | None = None
     to_reach: float = np.inf
     needed: float = np.inf
+    escapes: bool = True
 
 
 USUAL = Effort()
@@ -122,7 +123,7 @@ class ModelFits:
         fit = self._descended(part, effects, start, offsets, effort, near)
         known = {e.name for e in theirs}
         tried = any(len(e.effect.states_tried) and e.name not in known for e in effects)
-        if tried or (part.difference_step and not effects and not self.from_balance):
+        if effort.escapes and (tried or (part.difference_step and not effects and not self.from_balance)):
             descend = partial(self._descended, part, effects, effort=replace(effort, starts=1))
             fit = escaped(self, part, fit, effort.rival, descend)
         return fit

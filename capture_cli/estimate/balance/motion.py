@@ -94,16 +94,18 @@ class SmoothedLog:
         parts = [p for whole in stretches(log.time, log.sampled, log.episodes) for p in _runs(whole, within)]
         parts = [p for p in parts if log.sampled[p][:, used].sum(axis=0).min(initial=len(log.time)) >= FEWEST]
         if not parts or not used:
-            raise LogError(
-                f"no stretch of the log has {FEWEST} samples of the positions of all joints that move, "
-                "between impacts",
-                cure="log the position of every joint, longer, or at a higher rate",
-            )
+            raise _too_short()
         series = {c: _smoothed(log, parts, c) for c in used}
         count = sum(p.stop - p.start for p in parts)
         interval = min(float(np.median(np.diff(log.time[p]))) for p in parts)
         cutoff = max(s[0].cutoff for s in series.values())
         every = max(int(np.pi / cutoff / SETTINGS.finest / interval), -(-count // SETTINGS.most_points), 1)
+        # one with fewer points is shorter than any row, and they do not determine a spline
+        long = [n for n, p in enumerate(parts) if (p.stop - p.start) // every >= FEWEST]
+        if not long:
+            raise _too_short()
+        parts = [parts[n] for n in long]
+        series = {c: [own[n] for n in long] for c, own in series.items()}
         begins = Resting(np.repeat(model_start(task.model)[None], len(log.time), axis=0), within)
         return cls(log, task, parts, sources, series, begins, every)
 
@@ -186,6 +188,13 @@ class SmoothedLog:
         for source in self.sources:
             found[list(source.dofs)] = source.noise(own)
         return found
+
+
+def _too_short() -> LogError:
+    return LogError(
+        f"no stretch of the log has {FEWEST} samples of the positions of all joints that move, between impacts",
+        cure="log the position of every joint, longer, or at a higher rate",
+    )
 
 
 def _runs(whole: slice, within: np.ndarray) -> list[slice]:

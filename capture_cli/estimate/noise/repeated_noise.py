@@ -26,7 +26,7 @@ def with_noise_of_repeats(
     if "repeats" not in prepared.noise.source:
         return prepared, 0
     fits = ModelFits(prepared, threads)
-    fit = fits.fit(prepared.part(~prepared.split.is_test), [], start, effort=Effort(seed=seed))
+    fit = fits.fit(prepared.part(~prepared.split.is_test), [], start, effort=Effort(seed=seed, escapes=False))
     if fit is None:
         return prepared, fits.rollouts
     as_measured = np.zeros_like(prepared.starts.sd)

@@ -70,9 +70,10 @@ class CoupledSpring(JointEffect):
     def force(self, values, timestep, **_):
         at, before = (int(self.model.jnt_qposadr[j]) for j in self._joints)
         dof = int(self.model.jnt_dofadr[self._joints[1]])
+        given = self.coefficients(values)
 
         def force(world):
-            own = {name: v[world.rows] for name, v in self.coefficients(values).items()}
+            own = {name: v[world.rows] for name, v in given.items()}
             term = pull(world.qpos[:, at], world.qpos[:, before], **own)
             world.qfrc_applied[:, self.dof] += term
             world.qfrc_applied[:, dof] += own["ratio"] * term
