@@ -175,6 +175,18 @@ def test_a_spring_that_needs_both_of_its_sides_is_asked_of_each():
     assert additions_of(Case(PLANTED, "slider", (name,), 3.0, 543295301), name)[name] > 100
 
 
+def test_a_control_that_its_limits_cut_off_is_asked_both_ways():
+    """At its limit a motor takes up no more: what a bias adds is not the reverse of what it takes away."""
+    made = Made.of("finger", ("control-bias", "root", -0.1), episodes=3)
+    assert np.abs(made.balance.controls[:, 1]).max() > 0.99 * 0.1
+    few = [p for p in made.placed if p.name in ("control-bias@root", "constant-force@mcp")]
+    screening = made.screening(few)
+    found = {
+        a.placed.name: a.gain for a in screening.screened(screening.fitted(BalancedModel((), made.truth, ())))
+    }
+    assert found["control-bias@root"] > found["constant-force@mcp"] > 100
+
+
 def test_a_declared_parameter_that_is_at_its_bound_takes_nothing_from_an_effect():
     found = additions_of(
         Case(PLANTED, "slider", ("medium-viscosity",), 2.2, 1385089885),

@@ -183,9 +183,10 @@ def _shares(effect: Effect, settings: DictionarySettings) -> tuple[float, ...]:
     """Steps of the amplitudes, in ranges, at which columns are taken."""
     if effect.has_threshold:
         return settings.beyond_onset
-    if effect.place != "force":
+    if effect.place not in ("force", "control"):
         return (settings.step,)
-    far = settings.far_steps if effect.states else ()  # what remembers need not grow in proportion
+    # dry friction acts one way, and so does what the limits of a control cut off
+    far = settings.far_steps if effect.place == "force" and effect.states else ()  # they need not grow in proportion
     return (settings.step, -settings.step, *far)
 
 
