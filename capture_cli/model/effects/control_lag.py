@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect
 from capture_cli.model.effects._lag import Lag
@@ -27,15 +25,6 @@ class ControlLag(ControlTimeEffect):
     @property
     def parameters(self):
         return (Parameter("time_constant", "s", 0.0, 0.2, 0.0),)
-
-    def arrived(self, told, coefficients, timestep):
-        """The kernel's, of all steps at once."""
-        lag = Lag(**coefficients, timestep=timestep)
-        kept, state, deviations = lag.kept, told[0], []
-        for now in told:
-            deviations.append(state - now)
-            state = now + kept * deviations[-1]
-        return told + lag.mean * np.array(deviations)
 
     def memory(self, values):
         return SETTINGS.forgotten * float(values.max())
