@@ -840,6 +840,7 @@ PARTS: dict[str, dict[str, Callable[[], str]]] = {
         "worlds": measured_identifiers.worlds,
     },
     "docs/in-context.md": {"goals": measured_identifiers.goals},
+    "docs/worlds.md": {"closed loop": measured_identifiers.closed_loop},
     "README.md": {"found": found, "tree": folders},
 }
 

@@ -16,6 +16,7 @@ from capture_cli.report import paper_numbers
 from capture_cli.store.evaluation import Evaluation
 
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "evaluation"
+LOOP = {"before": RUNS.parent / "closed-loop" / "declared", "after": RUNS.parent / "closed-loop" / "mended"}
 ROUNDS = (1, 3, 5, 10, 30)
 RATIO_ROUNDS = (10, 20, 30)
 WORLD_ROUNDS = (1, 3, 5, 7, 9)  # the paper's, on real robots
@@ -260,6 +261,30 @@ def pairs(m: Measured) -> str:
         for label, c in compared.items()
     ]
     return f"At {n} `{OURS}` is nearer/as near/further {', '.join(said)}." if said else ""
+
+
+# --- the closed loop, of docs/worlds.md ---
+
+
+def closed_loop() -> str:
+    """The part of that name: errors and successes by rounds, before the loop was closed and after."""
+    documents = {when: Evaluation.read_document(folder / "evaluation") for when, folder in LOOP.items()}
+    rounds = [0, *(n for n in WORLD_ROUNDS if n <= min(d["rounds"] for d in documents.values()))]
+    of_pairs = " or ".join({f"{d['pairs'] * d['seeds']}" for d in documents.values()})
+    distances, successes = [], []
+    for when, document in documents.items():
+        (e,) = document["identifiers"].values()
+        pairs = document["pairs"] * document["seeds"]
+        distances.append(
+            [
+                f"trajectory difference {when}, cm",
+                *(f"{100 * e['trajectory_difference'][n]:.1f}" for n in rounds),
+            ]
+        )
+        successes.append(
+            [f"successes of {of_pairs} {when}", *(f"{pairs * e['success'][n]:.0f}" for n in rounds)]
+        )
+    return _table(["measured strokes", *map(str, rounds)], distances + successes)
 
 
 # --- the goals of docs/in-context.md ---
