@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.air_hockey import AirHockey
 from capture_cli.simulate.simulator import Simulator
+from capture_cli.stages import identify as identify_stage
 from capture_cli.stages import simulated_machine
 from capture_cli.stages import train_policy as train_policy_stage
 from capture_cli.stages.diagnose import diagnose
@@ -427,6 +429,35 @@ def test_identify_has_the_effect_that_its_identifier_learned_with(slider_task, t
         diagnose(
             real_log=log, estimate=tmp_path / "mended.estimate", out=tmp_path / "d", threads=1, quiet=True
         )
+
+
+@pytest.mark.parametrize("noise", ["quiet", "as-the-residual"])
+def test_windows_begin_with_what_a_known_effect_hides(noise, slider_task, tmp_path, monkeypatch):
+    """The lag of a control hides a state, which no sensor shows; also where a fit is made anew with another noise."""
+    lag, log = "control-second-order-lag@drive.time_constant=0.05", tmp_path / "log.zarr"
+    truth = {"mass": 2.2, "damping": 3.0}
+    made = {"amplitude": {"drive": 6.0}, "band": (0.5, 4.0), "duration": 2.0, "rate": 250, "episodes": 2}
+    record(task=str(slider_task), out=log, parameters=truth, effects=[lag], noise=2e-4, threads=1, **made)
+    known = placed(lag, load_task(str(slider_task)))
+    read = identify_stage.find_task
+    monkeypatch.setattr(identify_stage, "find_task", lambda *given: read(*given).with_effects([known]))
+    if noise == "as-the-residual":
+        look, before = identify_stage.with_noise_of_residual, []
+
+        def louder_once(prepared, *given):
+            before.append(prepared)
+            return replace(look(prepared, *given)) if len(before) == 1 else prepared
+
+        monkeypatch.setattr(identify_stage, "with_noise_of_residual", louder_once)
+    estimate = identify(
+        real_log=log, task=str(slider_task), out=tmp_path / "e", window=0.5, starts=1, threads=1, quiet=True
+    )
+    assert estimate.document["verdict"] == "explained"
+    for name, value in truth.items():
+        found = estimate.document["parameters"][name]
+        assert abs(found["value"] - value) < 4 * found["sd"] + 1e-3
+    # of the model's position and velocity
+    assert estimate.arrays["window/start_offset"].shape[1] == 2
 
 
 def test_an_estimate_of_the_version_before_has_no_effects(slider_task, tmp_path):

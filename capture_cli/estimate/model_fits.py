@@ -234,8 +234,9 @@ class ModelFits:
         return len(self.prepared.task.space) + sum(len(e.parameters) for _, e in effects)
 
     def _state_count(self, effects: Sequence[Placed]) -> int:
-        """How many states a window begins with, those of `effects` included."""
-        return self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in effects)
+        """How many states a window begins with, those of the task's effects and of `effects` included."""
+        known = [placed for placed, _ in self.prepared.task.effects]
+        return self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in (*known, *effects))
 
     def at(
         self,

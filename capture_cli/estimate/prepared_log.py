@@ -74,12 +74,12 @@ class PreparedLog:
 
     def offsets_from(self, earlier: PreparedLog, offsets: np.ndarray) -> np.ndarray:
         """Offsets (window, state) of starts that begin each window where `offsets` began it in `earlier`: the same log,
-        of which other starts were read.
+        of which other starts were read. What effects hide stays.
         """
-        model = self.task.model
-        there = shift(model, earlier.starts.starts, offsets)
+        model, own = self.task.model, self.starts.sd.shape[1]
+        there = shift(model, earlier.starts.starts, offsets[:, :own])
         moved = offsets_between(model, self.starts.starts, there)
-        return np.where(self.starts.sd > 0, moved, 0.0)
+        return np.hstack([np.where(self.starts.sd > 0, moved, 0.0), offsets[:, own:]])
 
     def data(self, simulator: Simulator) -> Data:
         """What identifiers are given. Hidden states of effects are free at the starts, by their unit prior."""

@@ -72,7 +72,8 @@ class Report:
     def estimate(self) -> Estimate:
         fit = self.result.at
         found, lacking = self.result.intervals, lack_of_fit(fit.at)
-        offsets = np.zeros_like(self.prepared.starts.sd)
+        # of the machine's own states, and of those that the task's effects hide
+        offsets = np.zeros((len(self.is_test), fit.offsets.shape[1]))
         offsets[~self.is_test] = fit.offsets
         if self.is_test.any():
             test = self.prepared.part(self.is_test)
@@ -231,7 +232,7 @@ class Report:
         arrays = {
             **measured_arrays(self.prepared),
             "window/is_test": self.is_test,
-            "window/start_offset": offsets,
+            "window/start_offset": offsets[:, : self.prepared.starts.sd.shape[1]],
             **start_arrays(self.prepared, initial),
             "step/simulated": simulated[mask],
             "step/nominal": nominal[mask],
