@@ -186,8 +186,8 @@ def _shares(effect: Effect, settings: DictionarySettings) -> tuple[float, ...]:
     if effect.place not in ("force", "control"):
         return (settings.step,)
     # dry friction acts one way, and so does what the limits of a control cut off
-    far = settings.far_steps if effect.place == "force" and effect.states else ()  # they need not grow in proportion
-    return (settings.step, -settings.step, *far)
+    led = effect.place == "force" and effect.states  # what remembers need not grow in proportion
+    return (settings.step, -settings.step, *(settings.far_steps if led else ()))
 
 
 def _is_reverse(columns: Sequence[Accelerations], others: Sequence[Accelerations], tolerance: float) -> bool:
