@@ -138,7 +138,7 @@ def test_what_diverges_is_not_among_the_episodes(tmp_path):
         window=0.4,
         acted=False,
         variance=1.0,
-        alike=0.0,
+        correlated=0.0,
     )
     prepared, sound = planned(task, driven, known, threads=1)
     assert sound.tolist() == [1, 3]
