@@ -5,14 +5,14 @@ The logs are in $CAPTURE_REAL_DATA or ../shared/data, each with a README that sa
 
 from __future__ import annotations
 
-import os
+import math
 import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks import ROOT
+from benchmarks import REAL_DATA, ROOT
 from benchmarks._planted.asking import answered
 from benchmarks._planted.outcomes import placed
 from benchmarks.base import Benchmark, Figure, Result
@@ -82,7 +82,7 @@ MACHINES = (
         "rmse",
         "elbow_flex_pos",
         "deg",
-        57.29578,
+        math.degrees(1),
         (0.4, 180.0),
     ),
 )
@@ -92,14 +92,13 @@ class RealMachines(Benchmark):
     summary = "measured logs of real machines: what diagnose finds, the error on data never fitted, the time"
 
     def run(self) -> Result:
-        data = Path(os.environ.get("CAPTURE_REAL_DATA", ROOT / ".." / "shared" / "data"))
-        if not data.is_dir():
+        if not REAL_DATA.is_dir():
             raise OptionError(
-                f"no real logs at {data}", cure="set CAPTURE_REAL_DATA to the folder that holds them"
+                f"no real logs at {REAL_DATA}", cure="set CAPTURE_REAL_DATA to the folder that holds them"
             )
         result = Result()
         for machine in MACHINES:
-            self._add(machine, data.resolve() / machine.folder, result)
+            self._add(machine, REAL_DATA.resolve() / machine.folder, result)
         return result
 
     def _add(self, machine: Measured, data: Path, result: Result) -> None:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-import os
 import tempfile
 import time
 from collections.abc import Callable
@@ -24,7 +23,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from benchmarks import EMPS, ROOT
+from benchmarks import EMPS, REAL_DATA
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.errors import OptionError
 from capture_cli.estimate.prepare import prepare
@@ -83,7 +82,7 @@ class _Objective:
 def _emps() -> tuple[PreparedLog, str]:
     """The first 49 windows of 0.5 s of the training log, and where it came from."""
     task = load_task(str(EMPS))
-    data = Path(os.environ.get("CAPTURE_REAL_DATA", ROOT / ".." / "shared" / "data")) / "emps"
+    data = REAL_DATA / "emps"
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "emps.zarr"
         if data.is_dir():

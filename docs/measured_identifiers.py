@@ -270,7 +270,6 @@ def closed_loop() -> str:
     """The part of that name: errors and successes by rounds, before the loop was closed and after."""
     documents = {when: Evaluation.read_document(folder / "evaluation") for when, folder in LOOP.items()}
     rounds = [0, *(n for n in WORLD_ROUNDS if n <= min(d["rounds"] for d in documents.values()))]
-    of_pairs = " or ".join({f"{d['pairs'] * d['seeds']}" for d in documents.values()})
     distances, successes = [], []
     for when, document in documents.items():
         (e,) = document["identifiers"].values()
@@ -282,7 +281,7 @@ def closed_loop() -> str:
             ]
         )
         successes.append(
-            [f"successes of {of_pairs} {when}", *(f"{pairs * e['success'][n]:.0f}" for n in rounds)]
+            [f"successes of {pairs} {when}", *(f"{pairs * e['success'][n]:.0f}" for n in rounds)]
         )
     return _table(["measured strokes", *map(str, rounds)], distances + successes)
 

@@ -40,13 +40,5 @@ class ControlDelay(ControlTimeEffect):
     def parameters(self):
         return (Parameter("delay", "s", 0.0, 0.1, 0.0),)
 
-    def arrived(self, told, coefficients, timestep):
-        """The kernel's, of all steps at once."""
-        late = coefficients["delay"] / timestep
-        whole = np.floor(late).astype(int)
-        at, row = np.arange(len(told))[:, None] - whole, np.arange(len(whole))
-        now, before = told[np.maximum(at, 0), row], told[np.maximum(at - 1, 0), row]
-        return now + (late - whole) * (before - now)
-
     def memory(self, values):
         return float(values.max())
