@@ -1,19 +1,21 @@
 # make demo | make smoke | make test | make pipeline | make install: each sets up what it needs; nothing is installed
-# outside .venv (and .venv-core, which make test-core has for itself). make demo and make install need the core alone;
-# make test and what else works on the project need every extra, too. An environment that has them all keeps them.
+# outside .venv (and .venv-core and .venv-site, which make test-core and make site have for themselves). make demo and
+# make install need the core alone; make test and what else works on the project need every extra, too. An environment
+# that has them all keeps them.
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
 PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3 python; do \
 	$$p -c '$(SUPPORTED)' >/dev/null 2>&1 && echo $$p && break; done)
 VENV := .venv
 BIN := $(VENV)/bin
 CORE := .venv-core
+SITE := .venv-site
 SMOKE = $(shell grep -l "mark\.smoke" tests/test_*.py)
 VERSIONS := pyproject.toml $(wildcard constraints/*.txt)
 ALL := constraints/all.txt --editable '.[all,dev]'
 # modules are compiled when they are imported: all of them at once would be half of the time, and 130 MB
 PIP := -m pip install --quiet --disable-pip-version-check --no-compile --constraint
 
-.PHONY: install dev demo test smoke test-core test-wheel pipeline lint bench docs clean
+.PHONY: install dev demo test smoke test-core test-wheel pipeline lint bench docs site clean
 
 install: $(VENV)/installed
 dev: $(VENV)/installed-all
@@ -42,6 +44,10 @@ $(VENV)/installed-benchmarks: $(VENV)/installed-all
 
 $(CORE)/installed: $(VERSIONS) | $(CORE)/bin/python
 	$(CORE)/bin/python $(PIP) constraints/core.txt --editable '.[dev]'
+	@touch $@
+
+$(SITE)/installed: constraints/packages.txt | $(SITE)/bin/python
+	$(SITE)/bin/python $(PIP) constraints/packages.txt mkdocs-material
 	@touch $@
 
 # the two commands of the README, on the log shipped in datasets/
@@ -82,5 +88,9 @@ bench: $(VENV)/installed-benchmarks
 docs: dev
 	$(BIN)/python -m docs.generate
 
+# all pages with a search, to be opened at site/index.html; a dead link ends it
+site: $(SITE)/installed
+	$(SITE)/bin/mkdocs build --strict
+
 clean:
-	rm -rf $(VENV) $(CORE) build *.egg-info
+	rm -rf $(VENV) $(CORE) $(SITE) build site *.egg-info

@@ -30,6 +30,7 @@ NOT_KEPT = (
     ".ruff_cache",
     "__pycache__",
     "build",
+    "site",
     "*.egg-info",
 )
 
@@ -44,6 +45,7 @@ CAPTIONS = {
     "Makefile": "every task of a developer; each sets up what it needs",
     "README.md": "this page",
     "SECURITY.md": "what a file from a stranger can and cannot do, how that is tested, how to report",
+    "mkdocs.yml": "the site of these pages, which `make site` builds",
     "pyproject.toml": "the package, its dependencies, the settings of pytest and ruff",
     "constraints": "the exact versions that are installed",
     "datasets": "two logs with an effect that their models lack, and how they were made",
@@ -98,9 +100,11 @@ def _command(name: str, callback: Callable, options: list[str], common: list[str
     lines = [f"## capture {name}", "", " ".join(summary.split()), ""]
     if example:
         lines += ["```sh", " ".join(example.split()), "```", ""]
-    lines += [*_OPTIONS, *(row for row in options if row not in common)]
+    own = [row for row in options if row not in common]
+    if own:
+        lines += [*_OPTIONS, *own, ""]
     shared = " ".join(row.split("`")[1].split()[0] for row in options if row in common)
-    return [*lines, "", f"Common: `{shared}`", ""]
+    return [*lines, f"Common: `{shared}`", ""]
 
 
 def _options(callback: Callable) -> list[str]:

@@ -251,10 +251,16 @@ def links() -> list:
 def test_a_link_resolves(page, target):
     file, _, heading = target.partition("#")
     path = (page.parent / file) if file else page
-    assert path.exists()
+    assert path.is_file()  # and no folder, of which the site has no page
     if heading:
         headings = re.findall(r"^#+ (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
         assert heading in {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+
+
+def test_the_site_leads_to_every_page():
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    entries = re.findall(r"^ +- (?:[^:\n]+: )?(\S+\.md)$", text, re.MULTILINE)
+    assert sorted(entries) == sorted(map(name, PAGES))
 
 
 def test_pages_are_read_once():
