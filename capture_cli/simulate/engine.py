@@ -9,6 +9,7 @@ import ctypes
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -131,6 +132,11 @@ class Engine:
             whole["sensordata"], np.concatenate(diverged), *(whole.get(n) for n in (*STATES, *WORKED_OUT))
         )
 
+    @cached_property
+    def _shapes(self) -> mujoco.MjData:
+        """What batches read shapes and types of fields off: to make one takes longer than to make a batch."""
+        return mujoco.MjData(self.model)
+
     def _chunk(self, steps: int) -> int:
         row_bytes = 8 * steps * (self.model.nsensordata + self.model.nu + 1)
         return int(np.clip(CHUNK_BYTES // row_bytes, 1, CHUNK_SIMULATIONS))
@@ -138,6 +144,7 @@ class Engine:
     def _prepare(self, rows: np.ndarray, starts: Starts, fields: ModelFields | None) -> batch.Batch:
         # A batch costs a millisecond and is made anew: values of an earlier call cannot leak into this one.
         runner = batch.Batch(self.model, len(rows), min(self.threads, len(rows)))
+        runner._data = self._shapes  # which it would make for itself
         if fields is not None and fields.values:
             for name, values in fields.values.items():
                 runner.expand(name)[...] = values[rows]
