@@ -391,11 +391,11 @@ def test_identify_has_the_effect_that_its_identifier_learned_with(slider_task, t
             out=histories,
             effects=effects,
             inputs_from=log,
-            pairs=120,
+            pairs=32,
             points=6,
             threads=1,
         )
-        sizes = {"width": 16, "layers": 1, "heads": 2, "steps": 40, "batch": 32}
+        sizes = {"width": 16, "layers": 1, "heads": 2, "steps": 5, "batch": 32}
         train_sysid(histories=histories, out=tmp_path / name, **sizes)
         estimates[name] = identify(
             real_log=log,

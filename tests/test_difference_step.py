@@ -101,7 +101,7 @@ def test_parameters_are_found_through_contacts(log, tmp_path):
 
 STOPS_XML = """
 <mujoco model="stops">
-  <option timestep="0.001" integrator="implicitfast"/>
+  <option timestep="0.002" integrator="implicitfast"/>
   <worldbody>
     <body name="cart">
       <joint name="x" type="slide" axis="1 0 0" damping="2" limited="true" range="-.15 .15" solreflimit="0.01 .3"/>

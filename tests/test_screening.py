@@ -229,7 +229,7 @@ def test_a_pair_is_found_of_which_one_is_not_among_the_best_alone():
     """Before a gear's coupling come more single effects than are grown."""
     pair = ("coupled-drive@tilt", "viscoelastic-spring@pan")
     others = ("preloaded-spring", "cogging", "one-sided-spring", "sensor-eccentricity", "hysteretic-friction")
-    case = Case("pair", "pan_tilt", pair, 3.0, 1224827016)
+    case = Case("pair", "pan_tilt", pair, 3.0, 1224827016, episodes=6)
     screening = screening_of_case(case, *pair, *(f"{kind}@pan" for kind in others))
     ranked = [a.placed.name for a in screening.additions((), ())]
     assert ranked.index("coupled-drive@tilt") >= BeamSettings().width
