@@ -40,8 +40,8 @@ def few_candidates(monkeypatch):
 def asked(tmp_path_factory):
     """Options of a diagnosis of a log with two effects, and what it is without an interruption."""
     folder = tmp_path_factory.mktemp("asked")
-    options = {"task": str(held_machine(folder / "slider", "slider", 0.004)), "real_log": folder / "run.zarr"}
-    making = {"noise": 5e-4, "rate": 250, "episodes": 4, "duration": 1.0, "seed": 3}
+    options = {"task": str(held_machine(folder / "slider", "slider", 0.008)), "real_log": folder / "run.zarr"}
+    making = {"noise": 5e-4, "rate": 125, "episodes": 4, "duration": 1.0, "seed": 3}
     record(task=options["task"], out=options["real_log"], effects=PLANTED, **making)
     return {**options, "threads": 1, "quiet": True}
 
@@ -147,7 +147,7 @@ def test_another_run_is_refused(asked, whole, tmp_path):
     finally:
         model.write_text(text)
     other = tmp_path / "other.zarr"
-    record(task=str(task), out=other, noise=5e-4, rate=250, episodes=8, duration=1.0, seed=4)
+    record(task=str(task), out=other, noise=5e-4, rate=125, episodes=8, duration=1.0, seed=4)
     with pytest.raises(OptionError, match=r"begun otherwise: inputs\.real_log was \w{12}, now \w{12}\n"):
         diagnose(out=out, resume=True, **{**asked, "real_log": other})
     assert sorted(unfinished(out).rglob("*")) == kept
