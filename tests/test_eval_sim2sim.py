@@ -18,6 +18,7 @@ from capture_cli.context.evaluation.evaluated_identifier import PAPER
 from capture_cli.context.evaluation.evaluation_summary import ours_among, paired_comparison
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
 from capture_cli.context.identifiers import round_identifier
+from capture_cli.context.identifiers.compass import Compass
 from capture_cli.context.policies.random import Random
 from capture_cli.errors import CaptureError, OptionError, OutputError, StoreError, TaskError
 from capture_cli.model.tasks import load_task
@@ -61,9 +62,9 @@ def trained(folder, learn):
 
 
 def checkpoint(folder: Path, name: str, identifier: str, **of_histories) -> Path:
-    """What `identifier` learns in three steps from 64 histories of scooping."""
+    """What `identifier` learns in three steps from 32 histories of scooping."""
     histories = folder / f"{name}.zarr"
-    gen_histories(task="scooping", out=histories, pairs=64, threads=1, shard_pairs=64, **of_histories)
+    gen_histories(task="scooping", out=histories, pairs=32, threads=1, shard_pairs=32, **of_histories)
     small = {"width": 8, "layers": 1, "heads": 1, "steps": 3, "batch": 16}
     train_sysid(histories=histories, out=folder / name, identifier=identifier, **small)
     return folder / name
@@ -73,6 +74,12 @@ def checkpoint(folder: Path, name: str, identifier: str, **of_histories) -> Path
 def one_is_drawn(monkeypatch, evaluated):
     """The figures of `evaluated`, and of no other."""
     monkeypatch.setattr("capture_cli.report.evaluation_figures.write_figures", lambda *_: None)
+
+
+@pytest.fixture(autouse=True)
+def compass_learns_little(monkeypatch):
+    """How near it comes is asked in test_rounds.py."""
+    monkeypatch.setitem(Compass.__init__.__kwdefaults__, "fit_steps", 30)
 
 
 def test_the_arrays_are_what_the_document_sums_up(evaluated):
@@ -474,14 +481,14 @@ def test_an_ablation_spells_out_what_it_varies(folder, trained):
 
 
 def test_a_suite_says_first_how_long_it_will_take(folder, trained, capsys):
-    options = {"pairs": 25, "seeds": 2, "rounds": 1, "threads": 1, "task": "scooping"}
+    options = {"pairs": 9, "seeds": 2, "rounds": 1, "threads": 1, "task": "scooping"}
     evaluate_suite(
         suite="paper", identifiers=[str(trained)], out=folder / "announced", quiet=False, **options
     )
     said = capsys.readouterr().err
     assert said.index("in all about") < said.index("[1/2] scooping")
-    # in each of two cells 50 pairs of one round: measured once, simulated once, by COMPASS ten times
-    assert "about 750 rollouts" in said and "in all about 1.5e+03 rollouts" in said
+    # in each of two cells 18 pairs of one round: measured once, simulated once, by COMPASS ten times
+    assert "about 270 rollouts" in said and "in all about 540 rollouts" in said
     assert "for want of checkpoints: scooping-L, scooping-k" in said
 
 
