@@ -755,7 +755,7 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
 
 def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, monkeypatch):
     look_among(monkeypatch, *ALIKE_LAGS)
-    task = str(held_machine(tmp_path / "arm", "arm", 0.008))
+    task = str(held_machine(tmp_path / "arm", "arm", 0.01))
     record(
         task=task,
         out=tmp_path / "arm.zarr",
@@ -763,7 +763,7 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
         noise=1e-3,
         episodes=4,
         duration=1.5,
-        rate=125,
+        rate=100,
         seed=3,
     )
     arm = load_task(task)
