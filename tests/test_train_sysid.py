@@ -44,6 +44,13 @@ from capture_cli.store.output import unfinished
 LEARNED = [n for n, c in REGISTRY.items() if issubclass(c, LearnedIdentifier) and not c.simulates]
 TINY = {"width": 16, "layers": 1, "heads": 2, "steps": 12, "batch": 16, "warmup": 2}
 FILES = ("identifier.json", "identifier.safetensors", "metrics.jsonl")
+WRITE_FIGURE = stage._write_figure
+
+
+@pytest.fixture(autouse=True)
+def those_of_trained_are_drawn(monkeypatch):
+    """The figures of `trained`, and of no other."""
+    monkeypatch.setattr(stage, "_write_figure", lambda *_: None)
 
 
 @pytest.fixture(scope="module")
@@ -64,20 +71,21 @@ def trained(store, tmp_path_factory):
     def make(name: str) -> Path:
         if name not in made:
             made[name] = folder / name
-            train_sysid(
-                histories=store,
-                out=made[name],
-                identifier=name,
-                **{
-                    **TINY,
-                    "width": 32,
-                    "steps": 100,
-                    "batch": 64,
-                    "learning_rate": 5e-3,
-                    "warmup": 10,
-                    "patience": 50,
-                },
-            )
+            with mock.patch.object(stage, "_write_figure", WRITE_FIGURE):
+                train_sysid(
+                    histories=store,
+                    out=made[name],
+                    identifier=name,
+                    **{
+                        **TINY,
+                        "width": 32,
+                        "steps": 100,
+                        "batch": 64,
+                        "learning_rate": 5e-3,
+                        "warmup": 10,
+                        "patience": 50,
+                    },
+                )
         return made[name]
 
     return make
