@@ -247,7 +247,7 @@ def test_a_law_that_all_joints_lack_is_found_at_all_of_them():
 
 
 def test_about_a_late_sensor_the_friction_beside_it_comes_first_with_its_size():
-    own = Made.of("arm", ("sensor-delay", "q2", 0.08), ("coulomb-friction", "shoulder", 0.02), episodes=4)
+    own = Made.of("arm", ("sensor-delay", "q2", 0.08), ("coulomb-friction", "shoulder", 0.02), episodes=2)
     (delay, late), (_, friction) = own.planted
     found = [Placed("sensor-delay", delay)], [late]
     kinds = ("coulomb-friction", "cogging", "payload", "reflected-inertia", "sensor-low-pass", "control-lag")
@@ -262,7 +262,7 @@ def test_about_a_late_sensor_the_friction_beside_it_comes_first_with_its_size():
 
 def test_effects_that_are_alike_alone_take_each_others_place_beside_another():
     """A delay and a lag do the same as long as a bias is missing, too: alone the lag may be ahead."""
-    own = Made.of("arm", ("control-delay", "shoulder", 0.1), ("sensor-bias", "q1", 0.2), episodes=4)
+    own = Made.of("arm", ("control-delay", "shoulder", 0.1), ("sensor-bias", "q1", 0.2), episodes=2)
     few = [p for p in own.placed if p.kind in ("control-delay", "control-lag", "sensor-bias", "cogging")]
     level = list(grown(own.screening(few), (), (), 2))[-1]
     names = [{e.name for e in m.effects} for m in (*level.as_good, *level.others)]
