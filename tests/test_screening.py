@@ -189,7 +189,7 @@ def test_a_control_that_its_limits_cut_off_is_asked_both_ways():
 
 def test_a_declared_parameter_that_is_at_its_bound_takes_nothing_from_an_effect():
     found = additions_of(
-        Case(PLANTED, "slider", ("medium-viscosity",), 2.2, 1385089885),
+        Case(PLANTED, "slider", ("medium-viscosity",), 2.2, 1385089885, episodes=6),
         "medium-viscosity",
         "coulomb-friction@x",
     )
