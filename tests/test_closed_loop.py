@@ -8,7 +8,7 @@ import subprocess
 from pathlib import Path
 
 import typer
-from warm_capture import warm_capture
+from warm_capture import DRAWS, warm_capture
 
 from capture_cli.cli.app import app
 from capture_cli.context.checkpoints.policy_checkpoint import read_policy
@@ -39,7 +39,7 @@ def last(folder: Path, name: str) -> list[float]:
 
 def test_the_loop_closes_through_the_policy(tmp_path, learn):
     folder = tmp_path / "loop"
-    with warm_capture(*STAGES, without_pages=["identify", "diagnose"]) as capture:
+    with warm_capture(*STAGES, undrawn=list(DRAWS)) as capture:
         done = loop(folder, "tiny", capture=" ".join(capture))
     assert done.returncode == 0, done.stderr
     truth = json.loads((folder / "log.truth.json").read_text())

@@ -332,7 +332,7 @@ def test_the_online_loop_of_the_docs(tmp_path):
 
 
 def _run(script: str, folder: Path, *arguments: str, **environment: str) -> None:
-    with warm_capture("record", "propose", "import_log", without_pages=["identify"]) as capture:
+    with warm_capture("record", "propose", "import_log", undrawn=["identify"]) as capture:
         result = subprocess.run(
             ["bash", str(DOCS / script), str(folder), *arguments],
             env={**os.environ, "CAPTURE": " ".join(capture), **environment},

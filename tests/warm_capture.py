@@ -27,20 +27,32 @@ with socket.socket(socket.AF_UNIX) as server:
     sys.exit(int(server.recv(16)))
 """
 LONGEST = 1 << 16  # bytes of the arguments of a command
+TRAINING = (  # what stages that train import when they do; torch the last of them when it has an optimiser
+    "capture_cli.context.policies._sac_training",
+    "capture_cli.context.identifiers._training",
+    "torch._dynamo",
+)
+DRAWS = {  # what of a stage draws its pages and figures
+    "train_policy": "train_policy._write_figure",
+    "train_sysid": "train_sysid._write_figure",
+    "identify": "identify._write_pages",
+    "diagnose": "diagnose._write_pages",
+    "eval_sim2sim": "evaluation.evaluation_run._write_figures",
+}
 
 
 @contextmanager
 def warm_capture(
-    *stages: str, without_pages: Sequence[str] = (), environment: Mapping[str, str] = os.environ
+    *stages: str, undrawn: Sequence[str] = (), environment: Mapping[str, str] = os.environ
 ) -> Iterator[list[str]]:
     """A program, as the words of its command line, that does what `capture` does while the context lasts.
 
-    stages: modules of capture_cli.stages that it has imported. without_pages: those that write no page.
+    stages: modules of capture_cli.stages that it has imported. undrawn: those that draw no page and no figure.
     """
     with tempfile.TemporaryDirectory() as folder:
         address, client = f"{folder}/address", Path(folder) / "capture.py"
         client.write_text(CLIENT.format(address=address))
-        asked = json.dumps([address, stages, without_pages])
+        asked = json.dumps([address, stages, undrawn])
         command = [sys.executable, __file__, asked]
         with subprocess.Popen(command, stdout=subprocess.PIPE, env={**environment}) as server:
             try:
@@ -50,13 +62,20 @@ def warm_capture(
                 server.kill()
 
 
-def serve(address: str, stages: Sequence[str], without_pages: Sequence[str]) -> None:
+def serve(address: str, stages: Sequence[str], undrawn: Sequence[str]) -> None:
     """One command after another, each in a copy of this process."""
     importlib.import_module("capture_cli.cli.app")
     for stage in stages:
         importlib.import_module(f"capture_cli.stages.{stage}")
-    for stage in without_pages:
-        importlib.import_module(f"capture_cli.stages.{stage}")._write_pages = lambda *_: None
+    if any(stage.startswith("train_") for stage in stages):
+        os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # as `torch_device` does before it imports torch
+        for name in TRAINING:
+            importlib.import_module(name)
+    for stage in undrawn:
+        module, _, function = DRAWS[stage].rpartition(".")
+        drawing = importlib.import_module(f"capture_cli.stages.{module}")
+        assert callable(getattr(drawing, function))
+        setattr(drawing, function, lambda *_: None)
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(address)
         listening.listen()
