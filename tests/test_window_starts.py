@@ -65,3 +65,27 @@ def test_only_windows_that_get_better_are_linearised(monkeypatch):
     first, *rounds = counted
     assert first == 2 * WINDOWS, "one simulation and one difference each"
     assert rounds and max(rounds) <= WINDOWS
+
+
+def test_all_descents_of_a_window_are_simulated_at_once(monkeypatch):
+    set_numbers(monkeypatch, _window_starts, searches=1, drawn=0)
+    hidden, together = np.linspace(-1.0, 1.0, 5)[:, None], []
+    data = Data(
+        ParameterSpace([]),
+        np.random.default_rng(0).normal(size=(WINDOWS, STEPS, 1)),
+        np.ones((WINDOWS, STEPS, 1), dtype=bool),
+        np.ones(1),
+        np.ones((WINDOWS, 1)),
+        hidden_tried=hidden,
+    )
+
+    def evaluate(keep, trial):
+        z = trial.offsets[:, :, 0]
+        stuck = np.where(z < 0.3, 5 + (z + 0.6) ** 2, z - 1.2)
+        together.append(np.bincount(keep)[-1])
+        values = np.where(keep == WINDOWS - 1, stuck, z)
+        return np.repeat(values[:, :, None, None], STEPS, axis=2), np.zeros(z.shape, dtype=bool)
+
+    found = fit_starts(data, evaluate, np.full((WINDOWS, 1), -0.3), tolerance=1e-3)
+    assert found.offsets[-1, 0] == pytest.approx(1.2, abs=0.5) and np.abs(found.residual).max() < 4
+    assert max(together) == _window_starts.SETTINGS.descents

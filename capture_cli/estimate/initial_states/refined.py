@@ -61,7 +61,7 @@ def fit_starts(
     """
     found = _settled(data, evaluate, offsets, tolerance)
     if also is not None:
-        found = _or_from(found, evaluate, also, tolerance, found.inflation)
+        found = _or_from(found, evaluate, also[None], tolerance, found.inflation)
     generator, searched = np.random.default_rng(0), np.zeros(0, dtype=int)
     drawn = generator.standard_normal(
         (SETTINGS.drawn_if_rough if data.rough else SETTINGS.drawn, offsets.shape[1])
@@ -102,10 +102,9 @@ def _along_axes(found: Linearization, evaluate: EvaluateWindows, tolerance: floa
     before, own = found.windows(stuck), _of_windows(evaluate, stuck)
     k = _scatter_of_others(found, stuck)
     for state in found.data.movable:
-        for share in SETTINGS.axis_shares:
-            moved = before.offsets.copy()
-            moved[:, state] += share * before.data.start_sd[:, state]
-            before = _or_from(before, own, moved, tolerance, k)
+        moved = np.repeat(before.offsets[None], len(SETTINGS.axis_shares), axis=0)
+        moved[..., state] += np.outer(SETTINGS.axis_shares, before.data.start_sd[:, state])
+        before = _or_from(before, own, moved, tolerance, k)
     return found.with_windows(stuck, before)
 
 
@@ -132,17 +131,30 @@ def _with_other_states(
     if not found.data.hidden:  # then starts are known well enough for the best to be better as it is
         gains = np.maximum(found.objectives(k) - values[order[0], window], 0.0)
         descents = 1 if gains.sum() >= tolerance * k else 0
-    for place in order[:descents]:
-        found = _or_from(found, evaluate, others[place, window], tolerance, k)
-    return found
+    return _or_from(found, evaluate, others[order[:descents], window], tolerance, k)
 
 
 def _or_from(
-    found: Linearization, evaluate: EvaluateWindows, offsets: np.ndarray, tolerance: float, k: float
+    found: Linearization, evaluate: EvaluateWindows, trials: np.ndarray, tolerance: float, k: float
 ) -> Linearization:
-    """`found`, with the windows that descend to a better start from `offsets` (window, state)."""
-    to_beat = np.inf if found.data.rough else found.objectives(k)
-    there = _settled(found.data, evaluate, offsets, tolerance, k, to_beat)
+    """`found`, with the windows that descend to a better start from one of `trials` (trial, window, state).
+
+    All descents are simulated at once: a round of few windows takes about as long as one of many.
+    """
+    window = np.arange(len(found.residual))
+    if not len(trials):
+        return found
+    copies = np.tile(window, len(trials))
+    there = _settled(
+        found.data.rows(copies),
+        _of_windows(evaluate, copies),
+        np.concatenate(trials),
+        tolerance * len(trials),
+        k,
+        np.inf if found.data.rough else found.objectives(k)[copies],
+    )
+    best = there.objectives(k).reshape(len(trials), -1).argmin(axis=0)
+    there = there.windows(best * len(window) + window)
     better = there.objectives(k) < found.objectives(k)
     return found.with_windows(better, there.windows(better))
 
