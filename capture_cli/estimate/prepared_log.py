@@ -107,14 +107,24 @@ class PreparedLog:
     def evaluate(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
         """Simulated outputs (candidate, window, step, output) and diverged (candidate, window) of a trial.
 
-        Starts that are known for certain stay where they are.
+        Starts that are known for certain stay where they are. Windows that need not be simulated count as diverged.
         """
+        if trial.windows is not None:
+            return self._evaluate_windows(simulator, trial)
         starts, offsets = self.starts, self._moved(simulator, trial.offsets)
         simulated = simulator.simulate(
             self.windows, starts.starts, trial.parameters, offsets, starts.reported
         )
         outputs = aligned(simulated.outputs, self.windows.measured, attitudes(self.task))
         return outputs, simulated.diverged
+
+    def _evaluate_windows(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
+        which = trial.windows
+        some = self.part(which).evaluate(simulator, Trial(trial.parameters, trial.offsets[:, which]))
+        outputs = np.zeros((len(trial), *self.windows.measured.shape))
+        diverged = np.ones(outputs.shape[:2], dtype=bool)
+        outputs[:, which, : some[0].shape[2]], diverged[:, which] = some
+        return outputs, diverged
 
     def begun(self, simulator: Simulator, point: np.ndarray, offsets: np.ndarray) -> Begun:
         """Where the simulation of every window begins at `point` (parameter,); offsets (window, state)."""

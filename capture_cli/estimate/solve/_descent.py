@@ -86,6 +86,7 @@ class Descent:
         self._settled = SETTINGS.settled
         self._radius = SETTINGS.radius
         self._damping = np.zeros(len(data.start_sd))
+        self._windows: np.ndarray | None = None  # that a trial concerns, where not all
         self._repairing = False
         self._promised = np.inf
         self._carry = False
@@ -133,7 +134,7 @@ class Descent:
         if self._told == self._tell_candidate and not self._carry:
             return columns(self.data, *self._trials[0], known=self._known)
         x, offsets = (np.stack(part) for part in zip(*self._trials, strict=True))
-        return Trial(self.data.space.from_unit(x), offsets)
+        return Trial(self.data.space.from_unit(x), offsets, self._windows)
 
     def tell(self, outputs, diverged):
         self.rounds += 1
@@ -249,14 +250,19 @@ class Descent:
         self._try(self.x, self.offsets)
 
     def _propose_other_starts(self) -> None:
-        """Where each window might have got stuck: its start as it was measured, and hidden states elsewhere."""
+        """Where each window might have got stuck: its start as it was measured, and hidden states elsewhere, which are
+        many and looked for where windows stand out alone.
+        """
         self._searches -= 1
         stuck = self.data.standing_out(self._at.residual)
-        others = [np.zeros_like(self.offsets), *self.data.other_starts(self.offsets, stuck)]
+        hidden = self.data.other_starts(self.offsets, stuck) if stuck.size else ()
+        others = [np.zeros_like(self.offsets), *hidden]
         self._trials, self._told = [(self.x, o) for o in others], self._tell_other_starts
+        self._windows = stuck if len(hidden) else None
 
     def _tell_other_starts(self, outputs, diverged) -> None:
         """Go on where some windows have a better start after all."""
+        self._windows = None
         offsets, values = self._trials_judged(outputs, diverged)
         best, found = best_trials(offsets, values)
         before = self._at.objectives(self._k)

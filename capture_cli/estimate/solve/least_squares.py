@@ -95,6 +95,8 @@ class LeastSquares(Identifier):
             return Trial(self.space.from_unit(points), offsets)
         trials = [d.ask() for d in self._active()]
         self._asked = [(d, len(t)) for d, t in zip(self._active(), trials, strict=True)]
+        if len(trials) == 1:
+            return trials[0]
         return Trial(
             np.concatenate([t.parameters for t in trials]), np.concatenate([t.offsets for t in trials])
         )

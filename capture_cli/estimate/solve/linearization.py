@@ -127,10 +127,14 @@ class Data:
 
 @dataclass(frozen=True)
 class Trial:
-    """Simulations asked for: parameters (candidate, parameter), offsets of the starts (candidate, window, state)."""
+    """Simulations asked for: parameters (candidate, parameter), offsets of the starts (candidate, window, state).
+
+    windows: the numbers of those that need to be simulated; all where None.
+    """
 
     parameters: np.ndarray
     offsets: np.ndarray
+    windows: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.parameters)
