@@ -43,7 +43,7 @@ class Checkpoint(ABC):
 
 
 def checkpointed_fit(method: Callable[..., Fit | None]) -> Callable[..., Fit | None]:
-    """Makes a step of `ModelFits.fit`."""
+    """Makes a step of a method of `ModelFits` that fits."""
 
     @wraps(method)
     def fit(fits: ModelFits, part: PreparedLog, effects: Sequence[Placed], start: np.ndarray, **options):
@@ -53,7 +53,7 @@ def checkpointed_fit(method: Callable[..., Fit | None]) -> Callable[..., Fit | N
         if fits.checkpoint is None:
             return make()
         given = [part, start, *(told for value in options.values() for told in _parts(value))]
-        values = made_or_taken(fits, "fit", effects, given, lambda: _of_fit(make()))
+        values = made_or_taken(fits, method.__name__, effects, given, lambda: _of_fit(make()))
         return _as_fit(values, fits, part, effects)
 
     return fit

@@ -48,7 +48,7 @@ class Effort:
     rival: a fit of the same part; this one is stopped early where it stays far behind, less early where it has fewer
     parameters: of two that do as well it would be the better. to_reach: the error that is asked of it; it is stopped,
     less early, where it stays far above. needed: the error above which the model is of no use; it is stopped where it
-    does not promise to get there. escapes: whether poor minima that contacts make are escaped from.
+    does not promise to get there. escapes: whether poor minima that contacts or hidden states make are escaped from.
     """
 
     rounds: int = SETTINGS.fit_rounds
@@ -122,11 +122,25 @@ class ModelFits:
         offsets = self._with_states_found(part, effects, start, offsets, new)
         fit = self._descended(part, effects, start, offsets, effort, near)
         known = {e.name for e in theirs}
-        tried = any(len(e.effect.states_tried) and e.name not in known for e in effects)
+        tried = any(e.name not in known for e in searched(effects))
         if effort.escapes and (tried or (part.difference_step and not effects and not self.from_balance)):
-            descend = partial(self._descended, part, effects, effort=replace(effort, starts=1))
-            fit = escaped(self, part, fit, effort.rival, descend)
+            fit = self._escaped(part, fit, effects, effort)
         return fit
+
+    @checkpointed_fit
+    def escaped(
+        self, part: PreparedLog, effects: Sequence[Placed], start: np.ndarray, *, near: Fit, effort: Effort
+    ) -> Fit | None:
+        """`near`, a fit with the `effects` that ended at `start` (parameter,), or where the escape from its minimum
+        leads.
+        """
+        return self._escaped(part, near, effects, effort)
+
+    def _escaped(
+        self, part: PreparedLog, fit: Fit | None, effects: Sequence[Placed], effort: Effort
+    ) -> Fit | None:
+        descend = partial(self._descended, part, effects, effort=replace(effort, starts=1))
+        return escaped(self, part, fit, effort.rival, descend)
 
     def _as_near(self, near: Fit, effects: Sequence[Placed], start: np.ndarray) -> np.ndarray:
         """`start` (parameter,) of a model with `effects`, with what it has in common with `near` as it is there."""
@@ -386,6 +400,11 @@ class ModelFits:
         transferred = np.zeros((len(offsets), self._state_count(effects)))
         transferred[:, :kept] = offsets[:, :kept]
         return transferred
+
+
+def searched(effects: Sequence[Placed]) -> list[Placed]:
+    """Those whose hidden states are searched for where a descent gets stuck."""
+    return [e for e in effects if len(e.effect.states_tried)]
 
 
 def _in_common(theirs: Sequence[Placed], effects: Sequence[Placed]) -> list[Placed]:

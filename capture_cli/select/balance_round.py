@@ -176,9 +176,12 @@ class BalanceRound:
         """The model fitted by simulation, if it holds on what judges and explains materially more than `smaller`."""
         added = model.effects[len(self.current.effects) :]
         needed = needed_error(smaller, REJECTION.material)
-        fit = self.models.fit(model.effects, model.start, self.current, self._best, needed=needed)
+        rival = self._best
+        fit = self.models.fit(model.effects, model.start, self.current, rival, needed=needed, escapes=False)
         reason = self._unfit(fit, added, smaller) or self._unsupported(fit, added)
-        self._best = least([self._best, fit])
+        if reason is None:
+            fit = self.models.escaped(fit, rival)
+        self._best = least([rival, fit])
         if reason is None:
             return [FittedSet(added, fit, self.models.judge(fit))]
         self._reject(added, reason)

@@ -60,11 +60,11 @@ def _cost(candidate: Candidate) -> tuple[int, int]:
 
 
 def _settles(coarser: Candidate, candidate: Candidate) -> bool:
-    """Whether both are the model in shorter steps, and the `coarser` ones were fitted and explained nothing: to first
-    order the error of a step falls with its length, so that half a step takes at least half of what any other does.
+    """Whether both are the model in shorter steps, and the `coarser` ones were fitted and do not hold: to first order
+    the error of a step falls with its length, so that half a step takes at least half of what any other does.
     """
     fewer = 1 < coarser.placed.effect.substeps < candidate.placed.effect.substeps
-    return fewer and coarser.why_rejected is not None and coarser.fit is None
+    return fewer and coarser.why_rejected is not None
 
 
 def by_score(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -83,7 +83,8 @@ class ForwardRound:
     """What may be added to the model `current`.
 
     candidates: those that are not in it. patient: whether the next best are fitted, too, where the best do not hold.
-    on_step is told what is being tried, the number of it, and of how many.
+    rival: of effects that are not among them; a fit that stays far behind it is stopped early. on_step is told what is
+    being tried, the number of it, and of how many.
 
     ranked: candidates that their scores speak for, best first. supported: those that hold on what judges, and laws at
     all of the places where they do, which may take little at each.
@@ -96,10 +97,12 @@ class ForwardRound:
         candidates: Sequence[Candidate],
         *,
         patient: bool,
+        rival: Fit | None = None,
         on_step: Callable[[str, int, int], None],
     ):
         self.models = models
         self.current = current
+        self.rival = rival
         self.tried = len(candidates)
         self.on_step = on_step
         Scores(models, current, on_step).score(candidates)
@@ -126,14 +129,15 @@ class ForwardRound:
 
     def _refit_all(self, candidates: Sequence[Candidate], material: float) -> list[Candidate]:
         """Fit the model with each of the candidates in it; those that are supported, and take `material`."""
-        before, best = self.models.judge(self.current), None
+        before, best = self.models.judge(self.current), self.rival
         # fits with hidden states take long: they come last, and are stopped early where they stay far behind, or
         # promise less than is asked of them
         for number, candidate in enumerate(sorted(candidates, key=_cost)):
             self.on_step("refit", number, len(candidates))
-            if coarser := next((c for c in candidates if _settles(c, candidate)), None):
+            out = [c for c in candidates if c.name not in {held.name for held in self._held}]
+            if coarser := next((c for c in out if _settles(c, candidate)), None):
                 candidate.why_rejected = (
-                    f"{coarser.name} takes half of what this does, or more, and explains nothing more"
+                    f"{coarser.name} takes half of what this does, or more, and does not hold"
                 )
                 continue
             self._refit(candidate, before, best, material)
@@ -156,7 +160,7 @@ class ForwardRound:
         starts = [s for s in (candidate.start, candidate.start_elsewhere) if s is not None]
         starts = [np.concatenate([declared, s]) for s in starts]
         effects = [*current.effects, candidate.placed]
-        fit = self.models.fit(effects, starts[0], current, rival, starts[1:], needed)
+        fit = self.models.fit(effects, starts[0], current, rival, starts[1:], needed, escapes=False)
         if candidate.start_doubted is not None and (fit is None or not self.models.is_explained(fit)):
             start = np.concatenate([declared, candidate.start_doubted])
             fit = self.models.explained_from(start, effects, current) or fit
@@ -169,6 +173,9 @@ class ForwardRound:
         )
         reason = candidate.support.reason_against_entry()
         candidate.why_rejected = reason or implausible(self.models, current, fit, candidate.placed)
+        if candidate.why_rejected is None:
+            candidate.fit = self.models.escaped(fit, rival)
+            candidate.select = self.models.judge(candidate.fit)
 
     def _at_places(self) -> list[FittedSet]:
         """Laws that hold somewhere at all of the places that scores speak for, at once, or at all of those where they

@@ -11,7 +11,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.fit import Fit, least
-from capture_cli.estimate.model_fits import Effort, ModelFits
+from capture_cli.estimate.model_fits import Effort, ModelFits, searched
 from capture_cli.estimate.noise.autocorrelation import correlation_samples
 from capture_cli.estimate.noise.lack_of_fit import lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
@@ -146,11 +146,14 @@ class ModelComparison:
         rival: Fit | None = None,
         elsewhere: Sequence[np.ndarray] = (),
         needed: float = np.inf,
+        *,
+        escapes: bool = True,
     ) -> Fit | None:
         """The fit of the declared model with `effects`: made once, and taken up again where it was stopped early.
 
         near: another model's, whose windows' starts it begins with. elsewhere: other points to begin at where the fit
-        from `start` (parameter,) leaves something. needed: the error above which it is of no use, as of `ModelFits`.
+        from `start` (parameter,) leaves something. needed: the error above which it is of no use, and escapes, as of
+        `ModelFits`.
         """
         key = _key(effects)
         made = self._fitted.get(key)
@@ -158,7 +161,9 @@ class ModelComparison:
             start, near = made.point, made
             del self._fitted[key]
         if key not in self._fitted:
-            self._fitted[key] = self._fit_from([start, *elsewhere], effects, near, rival, needed=needed)
+            self._fitted[key] = self._fit_from(
+                [start, *elsewhere], effects, near, rival, needed=needed, escapes=escapes
+            )
         return self._fitted[key]
 
     def _fit_from(
@@ -169,6 +174,7 @@ class ModelComparison:
         rival: Fit | None,
         to_reach: float = np.inf,
         needed: float = np.inf,
+        escapes: bool = True,
     ) -> Fit | None:
         """The best fit from `starts`, of which one is taken after the other until nothing is left."""
         found = None
@@ -179,11 +185,25 @@ class ModelComparison:
                 effects,
                 start,
                 near=near,
-                effort=Effort(seed=self.seed, rival=beaten, to_reach=to_reach, needed=needed),
+                effort=Effort(
+                    seed=self.seed, rival=beaten, to_reach=to_reach, needed=needed, escapes=escapes
+                ),
             )
             found = least([found, fit])
             if found is not None and self.is_explained(found):
                 break
+        return found
+
+    def escaped(self, fit: Fit, rival: Fit | None) -> Fit:
+        """`fit`, or where the escape from a minimum leads that hidden states make, taken for the one of its effects.
+
+        The escape takes longer than the fit, and is for what holds without it.
+        """
+        if not searched(fit.effects):
+            return fit
+        effort = Effort(seed=self.seed, rival=rival)
+        found = self.fits.escaped(self.fit_part, fit.effects, fit.point, near=fit, effort=effort)
+        self.know(found)
         return found
 
     def explained_from(self, start: np.ndarray, effects: Sequence[Placed], near: Fit) -> Fit | None:

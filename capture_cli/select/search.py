@@ -235,7 +235,7 @@ class Attribution:
         else:
             choice = self._of_balance(balance)
             if choice is None or self._leaves_much(choice[0].fit, current):
-                choice = self._better(choice, self._by_simulation(current))
+                choice = self._better(choice, self._by_simulation(current, choice))
             if choice is None and not (self.accepted or self.given):
                 balance.ask_others()
                 choice = self._of_balance(balance)
@@ -283,16 +283,23 @@ class Attribution:
             self.accepted.append(Accepted(placed, candidate.score, rivals, None, share))
         return chosen.fit
 
-    def _by_simulation(self, current: Fit) -> Choice | None:
+    def _by_simulation(self, current: Fit, rival: Choice | None = None) -> Choice | None:
         """The best of what simulations alone tell of, with its rivals. Where something is hit that is everything: of
-        impacts the balance has seen nothing.
+        impacts the balance has seen nothing. rival: what the balance found.
         """
         screening = self.models.screening(self._step)
         told = frozenset() if screening is None or screening.hits else screening.covered
         outside = [c for c in self._outside if c.name not in told]
         if not outside:
             return None
-        found = ForwardRound(self.models, current, outside, patient=not self.accepted, on_step=self._step)
+        found = ForwardRound(
+            self.models,
+            current,
+            outside,
+            patient=not (self.accepted or rival),
+            rival=rival and rival[0].fit,
+            on_step=self._step,
+        )
         return found.choose()
 
     # --- backward ---
