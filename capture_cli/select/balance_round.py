@@ -9,6 +9,7 @@ import numpy as np
 
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit, least
+from capture_cli.estimate.model_fits import Effort
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.balance_scores import score_in_balance
 from capture_cli.select.beam import SETTINGS as BEAM
@@ -177,7 +178,8 @@ class BalanceRound:
         added = model.effects[len(self.current.effects) :]
         needed = needed_error(smaller, REJECTION.material)
         rival = self._best
-        fit = self.models.fit(model.effects, model.start, self.current, rival, needed=needed, escapes=False)
+        effort = Effort(rival=rival, needed=needed, escapes=False)
+        fit = self.models.fit(model.effects, model.start, self.current, effort)
         reason = self._unfit(fit, added, smaller) or self._unsupported(fit, added)
         if reason is None:
             fit = self.models.escaped(fit, rival)

@@ -9,6 +9,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.fit import Fit, least, thinned
+from capture_cli.estimate.model_fits import Effort
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.select.candidates import Candidate, score_at_null, worth_a_refit
@@ -160,7 +161,8 @@ class ForwardRound:
         starts = [s for s in (candidate.start, candidate.start_elsewhere) if s is not None]
         starts = [np.concatenate([declared, s]) for s in starts]
         effects = [*current.effects, candidate.placed]
-        fit = self.models.fit(effects, starts[0], current, rival, starts[1:], needed, escapes=False)
+        effort = Effort(rival=rival, needed=needed, escapes=False)
+        fit = self.models.fit(effects, starts[0], current, effort, starts[1:])
         if candidate.start_doubted is not None and (fit is None or not self.models.is_explained(fit)):
             start = np.concatenate([declared, candidate.start_doubted])
             fit = self.models.explained_from(start, effects, current) or fit

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.fit import Fit, least
-from capture_cli.estimate.model_fits import Effort, ModelFits, searched
+from capture_cli.estimate.model_fits import USUAL, Effort, ModelFits, searched
 from capture_cli.estimate.noise.autocorrelation import correlation_samples
 from capture_cli.estimate.noise.lack_of_fit import lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
@@ -143,52 +143,31 @@ class ModelComparison:
         effects: Sequence[Placed],
         start: np.ndarray,
         near: Fit,
-        rival: Fit | None = None,
+        effort: Effort = USUAL,
         elsewhere: Sequence[np.ndarray] = (),
-        needed: float = np.inf,
-        *,
-        escapes: bool = True,
     ) -> Fit | None:
         """The fit of the declared model with `effects`: made once, and taken up again where it was stopped early.
 
         near: another model's, whose windows' starts it begins with. elsewhere: other points to begin at where the fit
-        from `start` (parameter,) leaves something. needed: the error above which it is of no use, and escapes, as of
-        `ModelFits`.
+        from `start` (parameter,) leaves something.
         """
         key = _key(effects)
         made = self._fitted.get(key)
-        if made is not None and not made.finished and not made.is_far_behind(rival):
+        if made is not None and not made.finished and not made.is_far_behind(effort.rival):
             start, near = made.point, made
             del self._fitted[key]
         if key not in self._fitted:
-            self._fitted[key] = self._fit_from(
-                [start, *elsewhere], effects, near, rival, needed=needed, escapes=escapes
-            )
+            self._fitted[key] = self._fit_from([start, *elsewhere], effects, near, effort)
         return self._fitted[key]
 
     def _fit_from(
-        self,
-        starts: Sequence[np.ndarray],
-        effects: Sequence[Placed],
-        near: Fit,
-        rival: Fit | None,
-        to_reach: float = np.inf,
-        needed: float = np.inf,
-        escapes: bool = True,
+        self, starts: Sequence[np.ndarray], effects: Sequence[Placed], near: Fit, effort: Effort
     ) -> Fit | None:
         """The best fit from `starts`, of which one is taken after the other until nothing is left."""
         found = None
         for start in starts:
-            beaten = least([found, rival])
-            fit = self.fits.fit(
-                self.fit_part,
-                effects,
-                start,
-                near=near,
-                effort=Effort(
-                    seed=self.seed, rival=beaten, to_reach=to_reach, needed=needed, escapes=escapes
-                ),
-            )
+            own = replace(effort, seed=self.seed, rival=least([found, effort.rival]))
+            fit = self.fits.fit(self.fit_part, effects, start, near=near, effort=own)
             found = least([found, fit])
             if found is not None and self.is_explained(found):
                 break
@@ -208,7 +187,7 @@ class ModelComparison:
 
     def explained_from(self, start: np.ndarray, effects: Sequence[Placed], near: Fit) -> Fit | None:
         """The fit from `start` (parameter,), taken for the one of its effects, if it leaves nothing but noise."""
-        found = self._fit_from([start], effects, near, None, to_reach=lack_of_fit(near.at).threshold)
+        found = self._fit_from([start], effects, near, Effort(to_reach=lack_of_fit(near.at).threshold))
         if found is None or not self.is_explained(found):
             return None
         self.know(found)

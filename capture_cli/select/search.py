@@ -16,7 +16,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.errors import OutOfTime
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.fit import Fit
-from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
@@ -421,7 +421,10 @@ class Attribution:
             return None
         rest = without.effects
         fit = self.models.fit(
-            [*rest, rival.placed], np.concatenate([without.point, rival.start]), without, current
+            [*rest, rival.placed],
+            np.concatenate([without.point, rival.start]),
+            without,
+            Effort(rival=current),
         )
         if fit is None:
             return None
