@@ -40,18 +40,33 @@ WARM = (
     "pyarrow.parquet",
     "rich.table",
     "safetensors.numpy",
-    "jinja2",
-    "matplotlib.figure",
-    "matplotlib.backends.backend_agg",
-    "plotly.graph_objects",
+    "pydantic.plugin._loader",
 )
-ROOMS = ("cli", "stages", "store", "log", "model", "simulate", "estimate", "select", "report")
-SLOW_IMPORTS = (
+ROOMS = (
+    "cli",
+    "stages",
+    "store",
+    "log",
+    "model",
+    "simulate",
+    "estimate",
+    "select",
+    "report",
+    "context.identifiers",
+    "context.policies",
+)
+SLOW_IMPORTS = (  # in the name of a module: the few runs that need them import them
     "training",
     "train_",
     "torch",
+    "transformer",
+    "_env",
     "ray",
-)  # in the name of a module: those who need them import them
+    "figure",
+    "page",
+    "plot",
+    "curves",
+)
 _PAUSES = (0.001, 0.02)  # s, shortest and longest, between looks at a run
 
 
@@ -92,6 +107,9 @@ def _build_commands() -> None:
     from capture_cli.cli.app import app
 
     built = typer.main.get_command(app)
+    for command in built.commands.values():
+        for parameter in command.params:
+            parameter.get_runtime_param()
     typer.main.get_command = lambda _: built
 
 
