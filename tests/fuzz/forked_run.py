@@ -40,6 +40,10 @@ WARM = (
     "pyarrow.parquet",
     "rich.table",
     "safetensors.numpy",
+    "jinja2",
+    "matplotlib.figure",
+    "matplotlib.backends.backend_agg",
+    "plotly.graph_objects",
     "pydantic.plugin._loader",
 )
 ROOMS = (
@@ -55,17 +59,13 @@ ROOMS = (
     "context.identifiers",
     "context.policies",
 )
-SLOW_IMPORTS = (  # in the name of a module: the few runs that need them import them
+SLOW_IMPORTS = (  # in the name of a module: those who need them import them
     "training",
     "train_",
     "torch",
     "transformer",
     "_env",
     "ray",
-    "figure",
-    "page",
-    "plot",
-    "curves",
 )
 _PAUSES = (0.001, 0.02)  # s, shortest and longest, between looks at a run
 
