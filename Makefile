@@ -88,7 +88,8 @@ bench: $(VENV)/installed-benchmarks
 docs: dev
 	$(BIN)/python -m docs.generate
 
-# all pages with a search, to be opened at site/index.html; a dead link ends it
+# all pages, to be opened at site/index.html, with a search where they are served (python -m http.server -d site); a dead
+# link ends it
 site: $(SITE)/installed
 	$(SITE)/bin/mkdocs build --strict
 

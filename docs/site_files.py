@@ -13,7 +13,7 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
 # any other file is put there as a text to be read: a browser would save a .sh, and run a .html
-SHOWN = (".md", ".png", ".js")
+SHOWN = (".md", ".png")
 
 
 def linked_from(path: str) -> list[str]:
@@ -26,7 +26,6 @@ def linked_from(path: str) -> list[str]:
 def on_files(files: Files, config) -> Files:
     """Instead of the files in docs/: the pages, and what can be reached from them."""
     paths = ["README.md", *(p.relative_to(ROOT).as_posix() for p in sorted((ROOT / "docs").rglob("*.md")))]
-    paths += config.extra["polyfills"]
     for path in paths:  # which grows
         if path.endswith(".md"):
             paths += [linked for linked in dict.fromkeys(linked_from(path)) if linked not in paths]
