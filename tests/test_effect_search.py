@@ -201,9 +201,11 @@ def test_no_shorter_steps_are_fitted_where_half_a_step_does_not_hold():
         Candidate(Placed("finer-time-step", FinerTimeStep(model, site)))
         for site in ("half", "quarter", "eighth")
     )
-    assert not _settles(half, quarter)  # it was not fitted yet
+    assert not _settles(half, quarter, ())  # it was not fitted yet
     half.why_rejected = "fitted jointly it explains nothing more"
-    assert _settles(half, quarter) and _settles(half, eighth) and not _settles(quarter, half)
+    assert _settles(half, quarter, ()) and _settles(half, eighth, ())
+    assert not _settles(quarter, half, ())
+    assert not _settles(half, eighth, (half.name,))  # it takes something, if not enough
 
 
 def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkeypatch, without_pages):

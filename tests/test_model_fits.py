@@ -209,16 +209,23 @@ def test_a_model_is_known_by_its_effects_in_the_order_of_its_parameters(tmp_path
 
 
 def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere(tmp_path, monkeypatch):
-    prepared, truth = planted(tmp_path, "backlash@x.width=0.03", timestep=0.002)
+    prepared, truth = planted(tmp_path, "backlash@x.width=0.06", timestep=0.002)
     placed = [Placed("backlash", REGISTRY.get("backlash")(prepared.task.model, "x"))]
 
     fits = ModelFits(prepared, 1)
-    descended = fits.fit(prepared, placed, truth, effort=Effort(escapes=False))
-    searched = fits.escaped(prepared, placed, descended.point, near=descended, effort=Effort())
-    assert searched.error < 1.05 < descended.error
-    assert fits.on(prepared, searched).normalized < 1.1
+    searched = fits.fit(prepared, placed, truth)
+    assert max(searched.error, fits.on(prepared, searched).normalized) < 1.1
     monkeypatch.setattr(TransmissionEffect, "states_tried", np.zeros((0, 0)))
     assert ModelFits(prepared, 1).fit(prepared, placed, truth).error > 1.1
+
+
+def test_a_fit_of_play_escapes_from_its_minimum_when_it_is_asked_to(tmp_path):
+    prepared, truth = planted(tmp_path, "backlash@x.width=0.03", timestep=0.002)
+    placed = [Placed("backlash", REGISTRY.get("backlash")(prepared.task.model, "x"))]
+    fits = ModelFits(prepared, 1)
+    descended = fits.fit(prepared, placed, truth, effort=Effort(escapes=False))
+    escaped = fits.escaped(prepared, placed, descended.point, near=descended, effort=Effort())
+    assert escaped.error < 1.05 < descended.error
 
 
 def test_windows_that_a_trial_does_not_concern_are_not_simulated(tmp_path):

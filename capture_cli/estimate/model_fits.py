@@ -344,9 +344,7 @@ class ModelFits:
 
         def evaluate(keep: np.ndarray, trial: Trial):
             points = np.repeat(fit.point[None], len(trial), axis=0)
-            outputs, diverged = part.part(keep).evaluate(simulator, Trial(points, trial.offsets))
-            padding = data.measured.shape[1] - outputs.shape[2]
-            return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
+            return part.evaluate_windows(simulator, keep, Trial(points, trial.offsets))
 
         return fit_starts(data, evaluate, offsets, tolerance=tolerance, also=also, thorough=thorough)
 

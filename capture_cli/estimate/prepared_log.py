@@ -110,7 +110,13 @@ class PreparedLog:
         Starts that are known for certain stay where they are. Windows that need not be simulated count as diverged.
         """
         if trial.windows is not None:
-            return self._evaluate_windows(simulator, trial)
+            which, moved = trial.windows, trial.offsets[:, trial.windows]
+            outputs = np.zeros((len(trial), *self.windows.measured.shape))
+            diverged = np.ones(outputs.shape[:2], dtype=bool)
+            outputs[:, which], diverged[:, which] = self.evaluate_windows(
+                simulator, which, Trial(trial.parameters, moved)
+            )
+            return outputs, diverged
         starts, offsets = self.starts, self._moved(simulator, trial.offsets)
         simulated = simulator.simulate(
             self.windows, starts.starts, trial.parameters, offsets, starts.reported
@@ -118,13 +124,13 @@ class PreparedLog:
         outputs = aligned(simulated.outputs, self.windows.measured, attitudes(self.task))
         return outputs, simulated.diverged
 
-    def _evaluate_windows(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
-        which = trial.windows
-        some = self.part(which).evaluate(simulator, Trial(trial.parameters, trial.offsets[:, which]))
-        outputs = np.zeros((len(trial), *self.windows.measured.shape))
-        diverged = np.ones(outputs.shape[:2], dtype=bool)
-        outputs[:, which, : some[0].shape[2]], diverged[:, which] = some
-        return outputs, diverged
+    def evaluate_windows(
+        self, simulator: Simulator, which: np.ndarray, trial: Trial
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As of `evaluate`, of the windows at `which` alone: the offsets are theirs. Padded to the steps of all."""
+        outputs, diverged = self.part(which).evaluate(simulator, trial)
+        padding = self.windows.measured.shape[1] - outputs.shape[2]
+        return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
 
     def begun(self, simulator: Simulator, point: np.ndarray, offsets: np.ndarray) -> Begun:
         """Where the simulation of every window begins at `point` (parameter,); offsets (window, state)."""

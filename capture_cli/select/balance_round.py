@@ -181,13 +181,12 @@ class BalanceRound:
         effort = Effort(rival=rival, needed=needed, escapes=False)
         fit = self.models.fit(model.effects, model.start, self.current, effort)
         reason = self._unfit(fit, added, smaller) or self._unsupported(fit, added)
-        if reason is None:
+        if reason:
+            self._reject(added, reason)
+        else:
             fit = self.models.escaped(fit, rival)
         self._best = least([rival, fit])
-        if reason is None:
-            return [FittedSet(added, fit, self.models.judge(fit))]
-        self._reject(added, reason)
-        return []
+        return [] if reason else [FittedSet(added, fit, self.models.judge(fit))]
 
     def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit) -> str | None:
         """What speaks against a fit before it is judged."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -60,12 +60,13 @@ def _cost(candidate: Candidate) -> tuple[int, int]:
     return len(effect.states), effect.substeps
 
 
-def _settles(coarser: Candidate, candidate: Candidate) -> bool:
-    """Whether both are the model in shorter steps, and the `coarser` ones were fitted and do not hold: to first order
-    the error of a step falls with its length, so that half a step takes at least half of what any other does.
+def _settles(coarser: Candidate, candidate: Candidate, held: Collection[str]) -> bool:
+    """Whether both are the model in shorter steps, and the `coarser` ones were fitted and are not among those that
+    `held`: to first order the error of a step falls with its length, so that half a step takes at least half of what
+    any other does.
     """
     fewer = 1 < coarser.placed.effect.substeps < candidate.placed.effect.substeps
-    return fewer and coarser.why_rejected is not None
+    return fewer and coarser.why_rejected is not None and coarser.name not in held
 
 
 def by_score(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -135,8 +136,8 @@ class ForwardRound:
         # promise less than is asked of them
         for number, candidate in enumerate(sorted(candidates, key=_cost)):
             self.on_step("refit", number, len(candidates))
-            out = [c for c in candidates if c.name not in {held.name for held in self._held}]
-            if coarser := next((c for c in out if _settles(c, candidate)), None):
+            held = {c.name for c in self._held}
+            if coarser := next((c for c in candidates if _settles(c, candidate, held)), None):
                 candidate.why_rejected = (
                     f"{coarser.name} takes half of what this does, or more, and does not hold"
                 )
