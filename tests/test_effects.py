@@ -251,7 +251,7 @@ def test_shapes_are_spread_over_their_range_with_null_amplitudes():
 def test_a_site_without_a_name_is_called_by_its_number_and_a_wrong_one_is_refused():
     force = effects.REGISTRY.get("constant-force")
     assert force.sites(machine("ball")) == ["ball", "#1"]
-    assert force(machine("ball"), "#1").joint == 1
+    assert force(machine("ball"), "#1").number == 1
     with pytest.raises(ModelError, match="cannot sit at 'elbw'") as refused:
         effects.REGISTRY.get("coulomb-friction")(machine("arm"), "elbw")
     assert "elbow" in refused.value.cure

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.effects._kernel import OWN_STEP, Companion, bound, call
-from capture_cli.model.effects._places import reference, site_id, with_all_together
+from capture_cli.model.effects._places import ids_source, site_id, with_all_together
 from capture_cli.model.effects._scales import control_scale
 from capture_cli.model.effects.base import GLOBAL, Effect
 from capture_cli.model.object_names import object_name
@@ -46,8 +46,7 @@ class ActuatorEffect(Effect):
     @property
     def columns_source(self) -> str:
         """Where the controls stand in ctrl, as source that knows the model."""
-        ids = ", ".join(f"model.actuator({reference(self.model, 'actuator', n)}).id" for n in self.names)
-        return f"model.actuator_ctrladr[[{ids}]]"
+        return f"model.actuator_ctrladr[{ids_source(self.model, 'actuator', self.actuators)}]"
 
     @property
     def scale(self) -> float:

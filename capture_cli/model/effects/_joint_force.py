@@ -9,7 +9,7 @@ import numpy as np
 
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.effects._kernel import Companion, bound, call, inputs
-from capture_cli.model.effects._places import reference
+from capture_cli.model.effects._places import source
 from capture_cli.model.effects.base import Effect, raised
 from capture_cli.model.world import World
 
@@ -85,9 +85,8 @@ class JointForce(JointEffect):
         fields = inputs(self.kernel)
         reads = [_READ.get(field, f"data.{field}[dof]") for field in fields]
         kernels = (self.kernel, *([inertia_felt] if INERTIA in fields else []))
-        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
-        term, state = call(name, self.kernel, reads, numbers)
-        joint = f"model.joint({reference(self.model, 'joint', self.joint_name)})"
+        term, state = call(name, self.kernel, reads, self.numbers(values))
+        joint = source(self.model, "joint", self.joint_name)
         lines = [f"dof = {joint}.dofadr"] + [f"at = {joint}.qposadr"] * ("data.qpos[at]" in reads)
         if self.adds_to == FORCE:
             lines.append(f"data.qfrc_applied[dof] += {term}")

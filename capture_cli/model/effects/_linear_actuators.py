@@ -7,6 +7,7 @@ import numpy as np
 
 from capture_cli.model.effects._places import site_id
 from capture_cli.model.effects._scales import driven_joint
+from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.object_names import object_name
 
 # Fields of MjModel, (actuator, ...), with all of which together the force of such an actuator scales
@@ -23,9 +24,13 @@ def linear_actuators(model: mujoco.MjModel) -> list[int]:
 
 
 class OnJoint:
-    """At an actuator of those, of an effect at the joint that it drives."""
+    """At an `actuator` of those, of an effect at the joint that it drives."""
 
     where = "every actuator on a hinge or slide joint whose force is linear: no muscle and no dcmotor"
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.actuator = site_id(model, "actuator", site)
 
     @classmethod
     def sites(cls, model):

@@ -1,13 +1,16 @@
-"""Names of the places in a model where effects sit."""
+"""Names of the places in a model where effects sit, and effects that sit at one object."""
 
 from __future__ import annotations
 
 import json
+from abc import abstractmethod
+from collections.abc import Iterable
+from typing import ClassVar
 
 import mujoco
 
-from capture_cli.model.effects.base import GLOBAL
-from capture_cli.model.object_names import KINDS
+from capture_cli.model.effects.base import GLOBAL, Effect
+from capture_cli.model.object_names import KINDS, object_name
 
 
 def with_all_together(sites: list[str]) -> list[str]:
@@ -21,7 +24,31 @@ def site_id(model: mujoco.MjModel, kind: str, site: str) -> int:
     return number if number >= 0 else int(site.removeprefix("#"))
 
 
-def reference(model: mujoco.MjModel, kind: str, site: str) -> str:
-    """Source of what `model.joint(...)` and its like take: the name in quotes, or the number."""
+def source(model: mujoco.MjModel, kind: str, site: str) -> str:
+    """Source of the object that `object_name` calls `site`: `model.joint("x")`, or by its number."""
     named = mujoco.mj_name2id(model, KINDS[kind], site) >= 0
-    return json.dumps(site, ensure_ascii=False) if named else site.removeprefix("#")
+    return f"model.{kind}({json.dumps(site, ensure_ascii=False) if named else site.removeprefix('#')})"
+
+
+def ids_source(model: mujoco.MjModel, kind: str, ids: Iterable[int]) -> str:
+    """Source of a list of ids of objects, by what they are called."""
+    return f"[{', '.join(f'{source(model, kind, object_name(model, kind, i))}.id' for i in ids)}]"
+
+
+class ObjectEffect(Effect):
+    """An effect at one object of the model. kind: as `object_name` has it. number: the object's id."""
+
+    kind: ClassVar[str]
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.number = site_id(model, self.kind, site)
+
+    @classmethod
+    def sites(cls, model):
+        return [object_name(model, cls.kind, int(i)) for i in cls.suited(model)]
+
+    @classmethod
+    @abstractmethod
+    def suited(cls, model: mujoco.MjModel) -> Iterable[int]:
+        """Ids of the objects that it can sit at."""

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.effects._kernel import OWN_STEP, Companion, bound, call
-from capture_cli.model.effects._places import reference, site_id, with_all_together
+from capture_cli.model.effects._places import site_id, source, with_all_together
 from capture_cli.model.effects._scales import (
     GRAVITY,
     HINGE,
@@ -99,7 +99,7 @@ def columns_of(model: mujoco.MjModel, sensor: int) -> slice:
 
 def columns_source(model: mujoco.MjModel, site: str) -> str:
     """Source of the columns of a sensor."""
-    sensor = f"model.sensor({reference(model, 'sensor', site)})"
+    sensor = source(model, "sensor", site)
     return f"{sensor}.adr[0] + np.arange({sensor}.dim[0])"
 
 

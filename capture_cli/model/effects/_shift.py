@@ -2,30 +2,37 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import ClassVar
 
+import mujoco
 import numpy as np
 
+from capture_cli.model.effects._places import ObjectEffect
 from capture_cli.model.effects._turning_axes import axes_that_show, reach
-from capture_cli.model.effects.base import Effect
+from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.parameters import Parameter
 
 
-class Shift(Effect):
+class Shift(ObjectEffect):
     """Shift (m) of row `number` of a field of positions, along the axes of `body` but the only one that turns it.
 
-    field: of MjModel, (row, 3). most: of the body's size, or of how far out the row is, either way. Subclasses say
-    `number` and `body` with `sits`.
+    field: of MjModel, (row, 3). most: of the body's size, or of how far out the row is, either way.
     """
 
     place = "model"
     field: ClassVar[str]
     most: ClassVar[float] = 0.5
 
-    def sits(self, number: int, body: int) -> None:
-        """Which row it moves, and the body in whose frame that is."""
-        self.number, self.body = number, body
-        self.axes = axes_that_show(self.model, body)
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.body = self.carrier(model, self.number)
+        self.axes = axes_that_show(model, self.body)
+
+    @staticmethod
+    @abstractmethod
+    def carrier(model: mujoco.MjModel, number: int) -> int:
+        """The body in whose frame the row is."""
 
     @property
     def position(self) -> np.ndarray:

@@ -243,11 +243,6 @@ class Effect(ABC):
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters, each with the null value as its nominal."""
 
-    @staticmethod
-    def added(name: str, unit: str, own: float, high: float) -> Parameter:
-        """A parameter that is added to the model's `own` value, such that the sum is not negative."""
-        return Parameter(name, unit, min(0.0, -own), high, 0.0)
-
     @property
     def space(self) -> ParameterSpace:
         return ParameterSpace(self.parameters)
@@ -278,6 +273,10 @@ class Effect(ABC):
         parameter).
         """
         return dict(zip(self.space.names, values.T, strict=True))
+
+    def numbers(self, values: np.ndarray) -> dict[str, np.ndarray | float]:
+        """The same of one simulation, from `values` (parameter,)."""
+        return {name: v[0] for name, v in self.coefficients(values[None]).items()}
 
     def doubt(self, values: np.ndarray, duration: float) -> str | None:
         """Why `values` (parameter,) cannot be believed from episodes of `duration` s, or None."""

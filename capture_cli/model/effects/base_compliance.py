@@ -85,7 +85,7 @@ class BaseCompliance(VibrationEffect):
 
     def companion(self, name, values):
         given = ["per_speed @ data.qvel", "per_speed @ data.qacc", f"model.body_mass[{self.moving}].sum()"]
-        term, state = call(name, SprungBase, given, dict(zip(self.space.names, values, strict=True)))
+        term, state = call(name, SprungBase, given, self.numbers(values))
         fields = "data.cdof, data.subtree_com, model.body_subtreemass"
         lines = (
             f"per_speed = momentum_along(model, {self.axis}, {fields})",

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
-from capture_cli.model.effects._places import site_id
 from capture_cli.model.effects._shift import Shift
 from capture_cli.model.effects._turning_axes import turning_joints
-from capture_cli.model.effects.base import GLOBAL
-from capture_cli.model.object_names import object_name
 
 LOOPS = [int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)]
 
@@ -23,21 +21,16 @@ class BodyShift(Shift):
 
     summary = "a link is longer or shorter than modelled, or what follows it sits elsewhere"
     where = "every body with mass that hangs on one that some joint can turn, if no constraint closes a loop"
-    field = "body_pos"
+    kind, field = "body", "body_pos"
     most = 0.2
 
-    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
-        super().__init__(model, site)
-        body = site_id(model, "body", site)
-        self.sits(body, int(model.body_parentid[body]))
+    @staticmethod
+    def carrier(model, number):
+        return int(model.body_parentid[number])
 
     @classmethod
-    def sites(cls, model):
+    def suited(cls, model):
         if any(kind in LOOPS for kind in model.eq_type):
             return []
-        hanging = (
-            b
-            for b in range(1, model.nbody)
-            if model.body_subtreemass[b] > 0 and turning_joints(model, model.body_parentid[b])
-        )
-        return [object_name(model, "body", b) for b in hanging]
+        massive = np.flatnonzero(model.body_subtreemass[1:] > 0) + 1
+        return [b for b in massive if turning_joints(model, model.body_parentid[b])]

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import mujoco
-
-from capture_cli.model.effects._places import site_id
 from capture_cli.model.effects._scales import moving_bodies
 from capture_cli.model.effects._shift import Shift
 from capture_cli.model.effects._turning_axes import turning_joints
-from capture_cli.model.effects.base import GLOBAL
-from capture_cli.model.object_names import object_name
 
 
 class ComShift(Shift):
@@ -22,14 +17,12 @@ class ComShift(Shift):
 
     summary = "a body's centre of mass lies elsewhere than modelled"
     where = "every body with mass that some joint can turn"
-    field = "body_ipos"
+    kind, field = "body", "body_ipos"
 
-    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
-        super().__init__(model, site)
-        body = site_id(model, "body", site)
-        self.sits(body, body)
+    @staticmethod
+    def carrier(model, number):
+        return number
 
     @classmethod
-    def sites(cls, model):
-        turned = (b for b in moving_bodies(model) if not model.body_simple[b] and turning_joints(model, b))
-        return [object_name(model, "body", b) for b in turned]
+    def suited(cls, model):
+        return [b for b in moving_bodies(model) if not model.body_simple[b] and turning_joints(model, b)]

@@ -5,46 +5,43 @@ from __future__ import annotations
 import mujoco
 
 from capture_cli.model.effects._kernel import Companion, number
-from capture_cli.model.effects._places import reference, site_id
+from capture_cli.model.effects._places import ObjectEffect, source
 from capture_cli.model.effects._scales import FREE, GRAVITY, HINGE, SLIDE, characteristic_force
-from capture_cli.model.effects.base import GLOBAL, Effect
-from capture_cli.model.object_names import object_name
+from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
 
-class ConstantForce(Effect):
+class ConstantForce(ObjectEffect):
     """A constant `force` (N or N m) on a hinge or slide joint; on a free body, its components in the world.
 
     It stands for a cable, a counterweight, a spring's preload or an offset of the drive. On one slide joint
     it looks the same as gravity that leans.
     """
 
-    place = "force"
+    place, kind = "force", "joint"
     summary = "a force that is always there: a cable, a counterweight, a preload"
     where = "every hinge, slide and free joint"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.joint = site_id(model, "joint", site)
-        self.is_free = model.jnt_type[self.joint] == FREE
+        self.is_free = model.jnt_type[self.number] == FREE
 
     @classmethod
-    def sites(cls, model):
-        kinds = (HINGE, SLIDE, FREE)
-        return [object_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] in kinds]
+    def suited(cls, model):
+        return [j for j in range(model.njnt) if model.jnt_type[j] in (HINGE, SLIDE, FREE)]
 
     @property
     def parameters(self):
         if self.is_free:
-            weight = GRAVITY * float(self.model.body_subtreemass[self.model.jnt_bodyid[self.joint]])
+            weight = GRAVITY * float(self.model.body_subtreemass[self.model.jnt_bodyid[self.number]])
             return tuple(Parameter(axis, "N", -weight, weight, 0.0) for axis in "xyz")
-        high = characteristic_force(self.model, self.joint)
-        unit = "N m" if self.model.jnt_type[self.joint] == HINGE else "N"
+        high = characteristic_force(self.model, self.number)
+        unit = "N m" if self.model.jnt_type[self.number] == HINGE else "N"
         return (Parameter("force", unit, -high, high, 0.0),)
 
     def force(self, values, timestep, **_):
-        body, dof = self.model.jnt_bodyid[self.joint], self.model.jnt_dofadr[self.joint]
+        body, dof = self.model.jnt_bodyid[self.number], self.model.jnt_dofadr[self.number]
 
         def on_joint(world: World) -> None:
             world.qfrc_applied[:, dof] += values[world.rows, 0]
@@ -55,7 +52,7 @@ class ConstantForce(Effect):
         return on_body if self.is_free else on_joint
 
     def companion(self, name, values):
-        joint = f"model.joint({reference(self.model, 'joint', self.site)})"
+        joint = source(self.model, "joint", self.site)
         if self.is_free:
             lines = (
                 f"body = {joint}.bodyid[0]",

@@ -8,7 +8,6 @@ from capture_cli.model.effects._actuator_effect import ActuatorEffect
 from capture_cli.model.effects._elapsed import Elapsed
 from capture_cli.model.effects._fade import TIME_CONSTANT, grown
 from capture_cli.model.effects._kernel import Companion, call
-from capture_cli.model.effects._places import reference
 from capture_cli.model.parameters import Parameter
 
 
@@ -33,12 +32,10 @@ class ControlFade(ActuatorEffect):
         return controls
 
     def companion(self, name, values):
-        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
         elapsed, state = call(name, Elapsed, ["data.time"], {})
-        growth, _ = call(name, grown, ["elapsed"], numbers)
-        actuator = f"model.actuator({reference(self.model, 'actuator', self.site)})"
+        growth, _ = call(name, grown, ["elapsed"], self.numbers(values))
         lines = (
-            f"at = model.actuator_ctrladr[{actuator}.id]",
+            f"at = {self.columns_source}",
             f"elapsed = {elapsed}",
             f"growth = {growth}",
             "data.ctrl[at] *= growth",

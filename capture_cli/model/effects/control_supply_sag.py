@@ -73,8 +73,7 @@ class ControlSupplySag(ActuatorEffect):
         return SETTINGS.forgotten * float(np.max(time_constant, where=sag > 0, initial=0.0))
 
     def companion(self, name, values):
-        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
-        size, state = call(name, Sagging, ["load"], numbers, OWN_STEP)
+        size, state = call(name, Sagging, ["load"], self.numbers(values), OWN_STEP)
         lines = (
             f"at = {self.columns_source}",
             "load = np.abs(data.ctrl[at]).mean()",

@@ -7,7 +7,7 @@ import mujoco
 from capture_cli.model.effects._joint_force import FORCE, JointForce
 from capture_cli.model.effects._kernel import Companion, call
 from capture_cli.model.effects._neighbours import joint_before
-from capture_cli.model.effects._places import reference
+from capture_cli.model.effects._places import source
 from capture_cli.model.effects._scales import HINGE, characteristic_force, driven_joints
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.object_names import object_name
@@ -52,7 +52,7 @@ class CoupledDrive(JointForce):
 
     def companion(self, name, values):
         own, before = (
-            f"model.joint({reference(self.model, 'joint', site)}).dofadr"
+            f"{source(self.model, 'joint', site)}.dofadr"
             for site in (self.joint_name, object_name(self.model, "joint", self.hangs_on))
         )
         term, _ = call(name, passed_on, [f"data.qfrc_actuator[{own}]"], {"ratio": values[0]})

@@ -7,7 +7,7 @@ import mujoco
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.effects._kernel import Companion, call
 from capture_cli.model.effects._neighbours import joint_before
-from capture_cli.model.effects._places import reference
+from capture_cli.model.effects._places import source
 from capture_cli.model.effects._scales import HINGE, SLIDE, travel
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.object_names import object_name
@@ -81,11 +81,9 @@ class CoupledSpring(JointEffect):
         return force
 
     def companion(self, name, values):
-        numbers = dict(zip(self.space.names, values, strict=True))
-        own, before = (
-            f"model.joint({reference(self.model, 'joint', object_name(self.model, 'joint', j))})"
-            for j in self._joints
-        )
+        numbers = self.numbers(values)
+        names = (object_name(self.model, "joint", j) for j in self._joints)
+        own, before = (source(self.model, "joint", name) for name in names)
         given = [f"data.qpos[{joint}.qposadr]" for joint in (own, before)]
         term, _ = call(name, pull, given, numbers)
         lines = (

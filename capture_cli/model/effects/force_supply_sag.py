@@ -9,10 +9,9 @@ from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects._kernel import Companion, call
 from capture_cli.model.effects._lag import Lag
 from capture_cli.model.effects._linear_actuators import SCALED, linear_actuators
-from capture_cli.model.effects._places import reference
+from capture_cli.model.effects._places import ids_source
 from capture_cli.model.effects._scales import actuator_force_scale, actuator_force_unit
 from capture_cli.model.effects.base import GLOBAL, Effect
-from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 
 
@@ -92,12 +91,10 @@ class ForceSupplySag(Effect):
             world.vary(field)[:, self.fed] *= term[:, None, None]
 
     def companion(self, name, values):
-        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
-        size, state = call(name, Weakening, ["np.abs(data.actuator_force[fed]).mean()"], numbers)
-        names = (reference(self.model, "actuator", object_name(self.model, "actuator", a)) for a in self.fed)
+        size, state = call(name, Weakening, ["np.abs(data.actuator_force[fed]).mean()"], self.numbers(values))
         fields = tuple(f"model.{field}" for field in SCALED)
         lines = [
-            f"fed = [{', '.join(f'model.actuator({name}).id' for name in names)}]",
+            f"fed = {ids_source(self.model, 'actuator', self.fed)}",
             f"size = {size}",
             *(f"{field}[fed] *= size" for field in fields),
         ]

@@ -9,7 +9,7 @@ from capture_cli.model.effects._fade import TIME_CONSTANT, grown
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.effects._joint_force import DAMPING, FRICTION
 from capture_cli.model.effects._kernel import Companion, call
-from capture_cli.model.effects._places import reference
+from capture_cli.model.effects._places import source
 from capture_cli.model.parameters import Parameter
 
 
@@ -39,12 +39,11 @@ class FrictionFade(JointEffect):
         return force
 
     def companion(self, name, values):
-        numbers = dict(zip(self.space.names, values, strict=True))
         elapsed, state = call(name, Elapsed, ["data.time"], {})
-        growth, _ = call(name, grown, ["elapsed"], numbers)
+        growth, _ = call(name, grown, ["elapsed"], self.numbers(values))
         fields = [f"model.{field}" for field in (FRICTION, DAMPING)]
         lines = [
-            f"dof = model.joint({reference(self.model, 'joint', self.site)}).dofadr",
+            f"dof = {source(self.model, 'joint', self.site)}.dofadr",
             f"elapsed = {elapsed}",
             f"growth = {growth}",
             *(f"{field}[dof] *= growth" for field in fields),

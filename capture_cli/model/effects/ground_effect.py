@@ -6,10 +6,9 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.effects._kernel import Companion, call
-from capture_cli.model.effects._places import reference
+from capture_cli.model.effects._places import ids_source
 from capture_cli.model.effects._scales import box_edges
 from capture_cli.model.effects.base import GLOBAL, Effect
-from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
@@ -85,19 +84,14 @@ class GroundEffect(Effect):
         given = ["data.site_xpos[sites]", "data.geom_xpos[floors]", "normals"]
         lift, _ = call(name, lift_near_floor, given, {"radius": values[0]})
         lines = (
-            f"rotors = [{self._ids('actuator', self.rotors)}]",
-            f"floors = [{self._ids('geom', self.floors)}]",
+            f"rotors = {ids_source(self.model, 'actuator', self.rotors)}",
+            f"floors = {ids_source(self.model, 'geom', self.floors)}",
             "sites = model.actuator_trnid[rotors, 0]",
             "normals = data.geom_xmat[floors].reshape(-1, 3, 3)[..., 2]",
             f"lift = {lift}",
             "model.actuator_gear[rotors, :3] *= lift[:, None]",
         )
         return Companion((lift_near_floor,), lines, changes=("model.actuator_gear",))
-
-    def _ids(self, kind: str, ids: list[int]) -> str:
-        """Source of the ids of objects, by the names that they have."""
-        names = (reference(self.model, kind, object_name(self.model, kind, i)) for i in ids)
-        return ", ".join(f"model.{kind}({name}).id" for name in names)
 
 
 def _rotors(model: mujoco.MjModel) -> list[int]:

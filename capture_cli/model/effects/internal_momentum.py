@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.effects._kernel import Companion, call
-from capture_cli.model.effects._places import reference, site_id
-from capture_cli.model.effects.base import GLOBAL, Effect
-from capture_cli.model.object_names import object_name
+from capture_cli.model.effects._places import ObjectEffect, source
+from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
@@ -27,24 +26,23 @@ def gyroscopic_force(qvel, qacc, axes, frame, *, momentum, timestep):
     return (axes * np.cross(in_world, turning)[..., None, :]).sum(axis=-1)
 
 
-class InternalMomentum(Effect):
+class InternalMomentum(ObjectEffect):
     """The torque - w x h on a body, w its angular velocity and h = (`x`, `y`, `z`) the angular momentum (N m s, in its
     frame) of what spins inside at a constant speed.
     """
 
-    place = "force"
+    place, kind = "force", "body"
     reads_acceleration = True
     summary = "a part that spins inside a body that turns: a fan, a spindle, a wheel"
     where = "every body that joints turn about more than one axis"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.body = site_id(model, "body", site)
-        self.dofs = _turning(model)[self.body]
+        self.dofs = _turning(model)[self.number]
 
     @classmethod
-    def sites(cls, model):
-        return [object_name(model, "body", body) for body in _turning(model)]
+    def suited(cls, model):
+        return _turning(model)
 
     @property
     def parameters(self):
@@ -55,7 +53,7 @@ class InternalMomentum(Effect):
 
     def force(self, values, timestep, **_):
         def on_body(world: World) -> None:
-            frame = world.xmat[:, self.body].reshape(-1, 3, 3)
+            frame = world.xmat[:, self.number].reshape(-1, 3, 3)
             moves = world.qvel[:, self.dofs], world.qacc[:, self.dofs]
             world.qfrc_applied[:, self.dofs] += gyroscopic_force(
                 *moves, world.cdof[:, self.dofs, :3], frame, momentum=values[world.rows], timestep=timestep
@@ -67,7 +65,7 @@ class InternalMomentum(Effect):
         given = ["data.qvel[dofs]", "data.qacc[dofs]", "data.cdof[dofs, :3]", "data.xmat[body].reshape(3, 3)"]
         force, _ = call(name, gyroscopic_force, given, {"momentum": values})
         lines = (
-            f"body, dofs = model.body({reference(self.model, 'body', self.site)}).id, {self.dofs}",
+            f"body, dofs = {source(self.model, 'body', self.site)}.id, {self.dofs}",
             f"data.qfrc_applied[dofs] += {force}",
         )
         return Companion((gyroscopic_force,), lines, changes=("data.qfrc_applied",))

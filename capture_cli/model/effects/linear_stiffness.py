@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from capture_cli.model.effects._joint_effect import JointEffect
-from capture_cli.model.effects.base import raised
+from capture_cli.model.effects._raised import Raised
 
 
-class LinearStiffness(JointEffect):
+class LinearStiffness(Raised, JointEffect):
     """`stiffness` (N/m or N m/rad) is added to the joint's; the spring rests at the joint's springref."""
 
-    place = "model"
     summary = "a spring at a joint: a cable, a hose, a flexure"
+    field = "jnt_stiffness"
 
     @property
     def parameters(self):
-        own = float(self.model.jnt_stiffness[self.joint])
         high = 5 * self.characteristic_force / self.characteristic_travel
-        return (self.added("stiffness", self.unit("N/m", "N m/rad"), own, high),)
-
-    def write(self, fields, values):
-        stiffness = fields["jnt_stiffness"]
-        stiffness[:, self.joint] = raised(stiffness[:, self.joint], values[:, 0])
+        return self.added("stiffness", self.unit("N/m", "N m/rad"), high)

@@ -6,11 +6,10 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.effects._kernel import Companion, call
-from capture_cli.model.effects._places import reference, site_id
+from capture_cli.model.effects._places import ObjectEffect, source
 from capture_cli.model.effects._rotation import body_vectors
 from capture_cli.model.effects._scales import FREE
-from capture_cli.model.effects.base import GLOBAL, Effect
-from capture_cli.model.object_names import object_name
+from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
@@ -25,25 +24,24 @@ def magnus_lift(qpos, qvel, *, lift, centre):
     return lift * np.cross(spin, qvel[..., :3] + np.cross(spin, arm))
 
 
-class MagnusLift(Effect):
+class MagnusLift(ObjectEffect):
     """The force `lift` x (spin x velocity) at the centre of mass of a free body, against a medium at rest.
 
     For a ball of volume V in a medium of density rho, `lift` is of the order of rho V (kg).
     """
 
-    place = "force"
+    place, kind = "force", "joint"
     summary = "lift on a free body that spins as it flies"
     where = "every free joint"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        joint = site_id(model, "joint", site)
-        self.body = int(model.jnt_bodyid[joint])
-        self.dof, self.position = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
+        self.body = int(model.jnt_bodyid[self.number])
+        self.dof, self.position = int(model.jnt_dofadr[self.number]), int(model.jnt_qposadr[self.number])
 
     @classmethod
-    def sites(cls, model):
-        return [object_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] == FREE]
+    def suited(cls, model):
+        return np.flatnonzero(model.jnt_type == FREE)
 
     @property
     def parameters(self):
@@ -66,7 +64,7 @@ class MagnusLift(Effect):
         numbers = {"lift": values[0], "centre": self.model.body_ipos[self.body]}
         lift, _ = call(name, magnus_lift, given, numbers)
         lines = (
-            f"joint = model.joint({reference(self.model, 'joint', self.site)})",
+            f"joint = {source(self.model, 'joint', self.site)}",
             "at, dof = joint.qposadr[0], joint.dofadr[0]",
             f"data.xfrc_applied[joint.bodyid[0], :3] += {lift}",
         )

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
 from capture_cli.model.effects._elapsed import Elapsed
 from capture_cli.model.effects._kernel import Companion, call
-from capture_cli.model.effects._places import reference, site_id
+from capture_cli.model.effects._places import ObjectEffect, source
 from capture_cli.model.effects._scales import moving_bodies
-from capture_cli.model.effects.base import GLOBAL, Effect
-from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 
 SCALED = ("body_mass", "body_inertia")
@@ -21,23 +18,19 @@ def steadily(time, *, rate):
     return 1 + rate * np.maximum(time, 0.0)
 
 
-class MassChange(Effect):
+class MassChange(ObjectEffect):
     """The body's mass and inertia are 1 + `rate` (1/s) t times as large, t since the episode began: it is filled anew
     before each, and what leaves it takes its momentum along.
     """
 
-    place = "force"
+    place, kind = "force", "body"
     summary = "a body that loses or gains mass as it works: a tank, a spray can, a hopper, a spool"
     where = "every moving body with mass"
 
-    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
-        super().__init__(model, site)
-        self.body = site_id(model, "body", site)
-
     @classmethod
-    def sites(cls, model):
+    def suited(cls, model):
         # MuJoCo has the inertia of a body that was compiled as `simple` from a constant
-        return [object_name(model, "body", b) for b in moving_bodies(model) if not model.body_simple[b]]
+        return [b for b in moving_bodies(model) if not model.body_simple[b]]
 
     @property
     def parameters(self):
@@ -51,8 +44,8 @@ class MassChange(Effect):
 
         def force(world):
             growth = steadily(world.time - began[world.rows], rate=rate[world.rows])
-            world.vary("body_mass")[:, self.body] *= growth
-            world.vary("body_inertia")[:, self.body] *= growth[:, None]
+            world.vary("body_mass")[:, self.number] *= growth
+            world.vary("body_inertia")[:, self.number] *= growth[:, None]
 
         return force
 
@@ -61,7 +54,7 @@ class MassChange(Effect):
         growth, _ = call(name, steadily, ["elapsed"], {"rate": values[0]})
         fields = tuple(f"model.{field}" for field in SCALED)
         lines = (
-            f"body = model.body({reference(self.model, 'body', self.site)}).id",
+            f"body = {source(self.model, 'body', self.site)}.id",
             f"elapsed = {elapsed}",
             f"growth = {growth}",
             *(f"{field}[body] *= growth" for field in fields),

@@ -7,24 +7,23 @@ import itertools
 import mujoco
 import numpy as np
 
-from capture_cli.model.effects._places import site_id
+from capture_cli.model.effects._places import ObjectEffect
 from capture_cli.model.effects._rotation import body_vectors
 from capture_cli.model.effects._scales import moving_bodies
 from capture_cli.model.effects._turning_axes import axes_that_show, reach, turning_joints
-from capture_cli.model.effects.base import GLOBAL, Effect
+from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.fields import ModelFields
-from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 
 
-class Payload(Effect):
+class Payload(ObjectEffect):
     """A point of `mass` (kg), fixed to a body at `x`, `y`, `z` (m) in the body's frame.
 
     Where the body can turn about one axis only, the place along it moves nothing, and is left out; where it
     cannot turn, the whole place is. Of bodies that are fixed to each other it is looked for at the first.
     """
 
-    place = "model"
+    place, kind = "model", "body"
     summary = "a body carries mass that the model does not know of"
     where = "every moving body with mass"
     shapes = ("x", "y", "z")
@@ -32,21 +31,22 @@ class Payload(Effect):
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.body = site_id(model, "body", site)
-        self.centre = model.body_ipos[self.body].copy()
-        self.fixed = [b for b in moving_bodies(model) if model.body_weldid[b] == model.body_weldid[self.body]]
+        self.centre = model.body_ipos[self.number].copy()
+        self.fixed = [
+            b for b in moving_bodies(model) if model.body_weldid[b] == model.body_weldid[self.number]
+        ]
         self.farthest = max(self._farthest(b) for b in self.fixed)
         # of a body that was compiled as `simple` MuJoCo cannot move the centre; those of a task never are
-        shows = turning_joints(model, self.body) and not model.body_simple[self.body]
-        self.axes = axes_that_show(model, self.body) if shows else np.zeros(0, dtype=int)
+        shows = turning_joints(model, self.number) and not model.body_simple[self.number]
+        self.axes = axes_that_show(model, self.number) if shows else np.zeros(0, dtype=int)
 
     @classmethod
-    def sites(cls, model):
-        return [object_name(model, "body", b) for b in moving_bodies(model)]
+    def suited(cls, model):
+        return moving_bodies(model)
 
     @property
     def shows(self):
-        return super().shows and self.body == self.fixed[0]
+        return super().shows and self.number == self.fixed[0]
 
     @property
     def parameters(self):
@@ -56,7 +56,7 @@ class Payload(Effect):
 
     def shape_grid(self, count=5):
         """At the centre of mass, and as far on all sides of it as the body is large."""
-        aside = reach(self.model, self.body, self.centre) * np.eye(len(self.axes))
+        aside = reach(self.model, self.number, self.centre) * np.eye(len(self.axes))
         places = self.centre[self.axes] + np.concatenate([np.zeros((1, len(self.axes))), aside, -aside])
         return np.insert(places, 0, 0.0, axis=1)
 
@@ -77,14 +77,14 @@ class Payload(Effect):
         """m: how far from its own frame it may sit on a `body` that is fixed to its own, or is it."""
         data = mujoco.MjData(self.model)
         mujoco.mj_kinematics(self.model, data)
-        centre = data.xipos[body] - data.xpos[self.body]
+        centre = data.xipos[body] - data.xpos[self.number]
         farthest = 3.0  # times the distance of the centre of mass; the end of a rod is at 2
         return max(farthest * float(np.linalg.norm(centre)), reach(self.model, body, centre))
 
     def write(self, fields, values):
         position = np.repeat(self.centre[None], len(values), axis=0)
         position[:, self.axes] = values[:, 1:]
-        add_point_mass(fields, self.body, values[:, 0], position)
+        add_point_mass(fields, self.number, values[:, 0], position)
 
 
 CONJUGATE = np.array([1, -1, -1, -1])

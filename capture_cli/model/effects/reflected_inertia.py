@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from capture_cli.model.effects._joint_effect import JointEffect
-from capture_cli.model.effects.base import raised
+from capture_cli.model.effects._raised import Raised
 
 
-class ReflectedInertia(JointEffect):
+class ReflectedInertia(Raised, JointEffect):
     """`armature` (kg or kg m^2) is added to the joint's."""
 
-    place = "model"
     summary = "inertia of a motor's rotor, seen through its gear, at a joint"
+    field = "dof_armature"
 
     @property
     def parameters(self):
-        own = float(self.model.dof_armature[self.dof])
-        return (self.added("armature", self.unit("kg", "kg m^2"), own, 2 * self.inertia),)
-
-    def write(self, fields, values):
-        armature = fields["dof_armature"]
-        armature[:, self.dof] = raised(armature[:, self.dof], values[:, 0])
+        return self.added("armature", self.unit("kg", "kg m^2"), 2 * self.inertia)

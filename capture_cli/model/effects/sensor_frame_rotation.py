@@ -7,7 +7,7 @@ import itertools
 import mujoco
 import numpy as np
 
-from capture_cli.model.effects._places import reference, site_id
+from capture_cli.model.effects._places import site_id, source
 from capture_cli.model.effects._rotation import SETTINGS as ROTATION
 from capture_cli.model.effects._rotation import rotate, rotate_quaternions
 from capture_cli.model.effects._scales import SLIDE
@@ -77,8 +77,9 @@ class SensorFrameRotation(SensorEffect):
     def columns_source(self):
         if not self.pair:
             return super().columns_source
-        names = (reference(self.model, "sensor", object_name(self.model, "sensor", s)) for s in self.pair)
-        return f"[model.sensor(name).adr[0] for name in ({', '.join(names)})]"
+        kind = "sensor"
+        names = (object_name(self.model, kind, s) for s in self.pair)
+        return f"[{', '.join(f'{source(self.model, kind, name)}.adr[0]' for name in names)}]"
 
 
 def _planes(model: mujoco.MjModel) -> dict[str, tuple[int, int]]:

@@ -14,7 +14,8 @@ from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._followed_log import measured_stretches
 from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects._kernel import Companion, call
-from capture_cli.model.effects._places import reference, site_id
+from capture_cli.model.effects._linear_actuators import OnJoint
+from capture_cli.model.effects._places import source
 from capture_cli.model.effects._scales import POSITION_ERROR, driven_joint
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.object_names import object_name
@@ -58,7 +59,7 @@ class IntegralTerm:
         self.integral = np.clip(self.integral + way, -self.limit, self.limit)
 
 
-class ServoIntegral(FollowedForce):
+class ServoIntegral(OnJoint, FollowedForce):
     """The actuator gives `ki` z more than its gains on position and speed, within its forcerange together, with ki in
     N/(m s) or N m/(rad s) and z the integral of set point - length, m s or rad s, which stays within +- `limit`: the
     force within ki limit.
@@ -83,7 +84,6 @@ class ServoIntegral(FollowedForce):
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.actuator = site_id(model, "actuator", site)
         self.control = int(model.actuator_ctrladr[self.actuator])
         self.gear = float(model.actuator_gear[self.actuator, 0])
         self._clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
@@ -93,10 +93,6 @@ class ServoIntegral(FollowedForce):
     @classmethod
     def sites(cls, model):
         return [object_name(model, "actuator", a) for a in range(model.nactuator) if _is_servo(model, a)]
-
-    @classmethod
-    def joint_at(cls, model, site):
-        return object_name(model, "joint", driven_joint(model, site_id(model, "actuator", site)))
 
     @property
     def parameters(self):
@@ -148,17 +144,15 @@ class ServoIntegral(FollowedForce):
         world.vary(BIAS)[:, self.actuator, 0] += term
 
     def companion(self, name, values):
-        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
-        term, state = call(
-            name, IntegralTerm, ["set_point", f"model.{GEAR}[servo, 0] * data.qpos[at]"], numbers
-        )
+        given = ["set_point", f"model.{GEAR}[servo, 0] * data.qpos[at]"]
+        term, state = call(name, IntegralTerm, given, self.numbers(values))
         clamped = (
             "if model.actuator_ctrllimited[servo]:",
             "    set_point = np.clip(set_point, *model.actuator_ctrlrange[servo])",
         )
         lines = (
-            f"servo = model.actuator({reference(self.model, 'actuator', self.site)}).id",
-            f"at = model.joint({reference(self.model, 'joint', self.joint_name)}).qposadr[0]",
+            f"servo = {source(self.model, 'actuator', self.site)}.id",
+            f"at = {source(self.model, 'joint', self.joint_name)}.qposadr[0]",
             "set_point = data.ctrl[model.actuator_ctrladr[servo]]",
             *clamped * self._clamps,
             f"model.{BIAS}[servo, 0] += {term}",

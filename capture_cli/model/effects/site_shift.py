@@ -5,11 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.model.effects._places import site_id
 from capture_cli.model.effects._shift import Shift
 from capture_cli.model.effects._turning_axes import turning_joints
-from capture_cli.model.effects.base import GLOBAL
-from capture_cli.model.object_names import object_name
 
 SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 _S = mujoco.mjtSensor
@@ -41,19 +38,16 @@ class SiteShift(Shift):
     where = (
         "every site of a body that some joint can turn, if a sensor of motion or torque is all that is there"
     )
-    field = "site_pos"
+    kind, field = "site", "site_pos"
 
-    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
-        super().__init__(model, site)
-        number = site_id(model, "site", site)
-        self.sits(number, int(model.site_bodyid[number]))
+    @staticmethod
+    def carrier(model, number):
+        return int(model.site_bodyid[number])
 
     @classmethod
-    def sites(cls, model):
-        free = (
-            s for s in sorted(_sensed(model) - _held(model)) if turning_joints(model, model.site_bodyid[s])
-        )
-        return [object_name(model, "site", s) for s in free]
+    def suited(cls, model):
+        free = sorted(_sensed(model) - _held(model))
+        return [s for s in free if turning_joints(model, model.site_bodyid[s])]
 
     @property
     def reported(self):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from capture_cli.model.effects._raised import Raised
 from capture_cli.model.effects._tendon_effect import TendonEffect
-from capture_cli.model.effects.base import raised
 
 
-class TendonDamping(TendonEffect):
+class TendonDamping(Raised, TendonEffect):
     """`damping` (N s/m, or N m s/rad over hinges) is added to the tendon's: of what its joints do together, and not of
     what each does.
     """
@@ -14,13 +14,9 @@ class TendonDamping(TendonEffect):
     summary = (
         "friction along a tendon in proportion to its speed: oil in a cylinder, a clutch between two shafts"
     )
+    field = "tendon_damping"
 
     @property
     def parameters(self):
-        own = float(self.model.tendon_damping[self.tendon])
         high = 2 * self.characteristic_force / self.characteristic_speed
-        return (self.added("damping", self.unit("N s/m", "N m s/rad"), own, high),)
-
-    def write(self, fields, values):
-        damping = fields["tendon_damping"]
-        damping[:, self.tendon] = raised(damping[:, self.tendon], values[:, 0])
+        return self.added("damping", self.unit("N s/m", "N m s/rad"), high)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from capture_cli.model.effects._raised import Raised
 from capture_cli.model.effects._tendon_effect import TendonEffect, moving_dofs, wraps
-from capture_cli.model.effects.base import raised
 
 GEOMS = [int(w) for w in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)]
 
 
-class TendonInertia(TendonEffect):
+class TendonInertia(Raised, TendonEffect):
     """`armature` (kg, or kg m^2 over hinges) is added to the tendon's: what speeds up as its length does, and is felt
     by all joints that it couples, each by its lever.
     """
@@ -19,6 +19,7 @@ class TendonInertia(TendonEffect):
     summary = (
         "what speeds up along with a tendon: the drum that winds it up and its motor, a piston and its oil"
     )
+    field = "tendon_armature"
     where = "every tendon that joints which hang on each other move, and that no geom turns aside"
 
     @classmethod
@@ -31,13 +32,8 @@ class TendonInertia(TendonEffect):
 
     @property
     def parameters(self):
-        own = float(self.model.tendon_armature[self.tendon])
         most = 2.0  # times the inertia that the tendon moves
-        return (self.added("armature", self.unit("kg", "kg m^2"), own, most * self.inertia),)
-
-    def write(self, fields, values):
-        armature = fields["tendon_armature"]
-        armature[:, self.tendon] = raised(armature[:, self.tendon], values[:, 0])
+        return self.added("armature", self.unit("kg", "kg m^2"), most * self.inertia)
 
 
 def _is_chain(model: mujoco.MjModel, dofs: np.ndarray) -> bool:

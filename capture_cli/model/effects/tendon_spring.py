@@ -34,7 +34,7 @@ class TendonSpring(TendonEffect):
         farthest = 2.0
         near, far = self.shortest - farthest * half, self.longest + farthest * half
         return (
-            self.added("stiffness", self.unit("N/m", "N m/rad"), own, high),
+            Parameter("stiffness", self.unit("N/m", "N m/rad"), min(0.0, -own), high, 0.0),
             Parameter("rest", self.unit("m", "rad"), near, far, (self.shortest + self.longest) / 2),
         )
 

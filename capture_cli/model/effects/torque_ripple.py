@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import mujoco
-
 from capture_cli.model.effects._kernel import Companion, call
 from capture_cli.model.effects._linear_actuators import SCALED, OnJoint
 from capture_cli.model.effects._periodic_force import AlongPosition
-from capture_cli.model.effects._places import reference, site_id
-from capture_cli.model.effects.base import GLOBAL
+from capture_cli.model.effects._places import source
 from capture_cli.model.parameters import Parameter
 
 
@@ -23,10 +20,6 @@ class TorqueRipple(OnJoint, AlongPosition):
     summary = (
         "a motor's force that is larger at some positions: a weak phase, commutation, an eccentric pulley"
     )
-
-    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
-        super().__init__(model, site)
-        self.actuator = site_id(model, "actuator", site)
 
     @property
     def parameters(self):
@@ -45,12 +38,11 @@ class TorqueRipple(OnJoint, AlongPosition):
             world.vary(field)[:, self.actuator] *= 1 + term[:, None]
 
     def companion(self, name, values):
-        joint = f"model.joint({reference(self.model, 'joint', self.joint_name)})"
-        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
-        ripple, _ = call(name, self.kernel, [f"data.qpos[{joint}.qposadr]"], numbers)
+        joint = source(self.model, "joint", self.joint_name)
+        ripple, _ = call(name, self.kernel, [f"data.qpos[{joint}.qposadr]"], self.numbers(values))
         fields = tuple(f"model.{field}" for field in SCALED)
         lines = [
-            f"motor = model.actuator({reference(self.model, 'actuator', self.site)}).id",
+            f"motor = {source(self.model, 'actuator', self.site)}.id",
             f"ripple = {ripple}",
             *(f"{field}[motor] *= 1 + ripple" for field in fields),
         ]

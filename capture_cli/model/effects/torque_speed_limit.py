@@ -9,7 +9,7 @@ from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects._kernel import Companion, call
 from capture_cli.model.effects._limited import UNLIMITED, unlimited_at
 from capture_cli.model.effects._linear_actuators import OnJoint
-from capture_cli.model.effects._places import reference, site_id
+from capture_cli.model.effects._places import source
 from capture_cli.model.effects._scales import actuator_force_scale, actuator_force_unit
 from capture_cli.model.parameters import Parameter
 
@@ -38,10 +38,6 @@ class TorqueSpeedLimit(OnJoint, JointEffect):
     has_threshold = True
     shapes = ("no_load_speed",)
     kernel = staticmethod(motor_range)
-
-    def __init__(self, model, site=""):
-        super().__init__(model, site)
-        self.actuator = site_id(model, "actuator", site)
 
     @property
     def parameters(self):
@@ -81,13 +77,11 @@ class TorqueSpeedLimit(OnJoint, JointEffect):
         limited[...] = True
 
     def companion(self, name, values):
-        joint = f"model.joint({reference(self.model, 'joint', self.joint_name)})"
-        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
-        given, _ = call(
-            name, motor_range, [f"model.actuator_gear[motor, 0] * data.qvel[{joint}.dofadr[0]]"], numbers
-        )
+        joint = source(self.model, "joint", self.joint_name)
+        speed = f"model.actuator_gear[motor, 0] * data.qvel[{joint}.dofadr[0]]"
+        given, _ = call(name, motor_range, [speed], self.numbers(values))
         lines = (
-            f"motor = model.actuator({reference(self.model, 'actuator', self.site)}).id",
+            f"motor = {source(self.model, 'actuator', self.site)}.id",
             f"low, high = {given}",
             "if not model.actuator_forcelimited[motor]:",
             "    model.actuator_forcelimited[motor] = True",

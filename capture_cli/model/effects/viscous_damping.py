@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from capture_cli.model.effects._joint_effect import JointEffect
-from capture_cli.model.effects.base import raised
+from capture_cli.model.effects._raised import Raised
 
 
-class ViscousDamping(JointEffect):
+class ViscousDamping(Raised, JointEffect):
     """`damping` (N s/m or N m s/rad) is added to the joint's."""
 
-    place = "model"
     summary = "friction in proportion to speed in a joint"
+    field = "dof_damping"
 
     @property
     def parameters(self):
-        own = float(self.model.dof_damping[self.dof])
         high = 2 * self.characteristic_force / self.characteristic_speed
-        return (self.added("damping", self.unit("N s/m", "N m s/rad"), own, high),)
-
-    def write(self, fields, values):
-        damping = fields["dof_damping"]
-        damping[:, self.dof] = raised(damping[:, self.dof], values[:, 0])
+        return self.added("damping", self.unit("N s/m", "N m s/rad"), high)
