@@ -18,7 +18,7 @@ class ExportOptions(Writing):
     """task: where it is now, if it was moved since."""
 
     result: Result
-    out: Annotated[Path, typer.Option("--out", help="MJCF file to write.")]
+    out: Annotated[Path, typer.Option(help="MJCF file to write.")]
     task: OptionalTask = None
 
 

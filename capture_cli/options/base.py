@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import inspect
 from collections.abc import Callable, Mapping
@@ -30,7 +31,7 @@ class Text:
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """A field is on the command line if its type is annotated with a typer.Option or Argument; with a `Text`, too, if
-    what is written there has to be read.
+    what is written there has to be read. An option without a name is called after its field.
     """
 
     config: Config = None
@@ -41,7 +42,7 @@ class Options:
         """The arguments of the command line, LAST at the end."""
         found = []
         for field in cls._ordered():
-            option = _marker(field, OptionInfo | ArgumentInfo)
+            option = field.option
             if option is None:
                 continue
             text = _marker(field, Text)
@@ -65,8 +66,7 @@ class Options:
         values = dict(given)
         for field in cls._ordered():
             if text := _marker(field, Text):
-                option = _marker(field, OptionInfo)
-                values[field.name] = text.read(values[field.name], option.default)
+                values[field.name] = text.read(values[field.name], field.option.default)
         return cls(**values)
 
     def recorded(self) -> dict[str, Any]:
@@ -91,6 +91,16 @@ class _Field:
     name: str
     kind: Any
     default: Any
+
+    @functools.cached_property
+    def option(self) -> OptionInfo | ArgumentInfo | None:
+        """On the command line; inside Annotated, typer takes the first name of an option for its default."""
+        option = _marker(self, OptionInfo | ArgumentInfo)
+        if not isinstance(option, OptionInfo) or option.default is not ...:
+            return option
+        named = copy.copy(option)
+        named.default = f"--{self.name.replace('_', '-')}"
+        return named
 
 
 def _default(field: Any) -> Any:

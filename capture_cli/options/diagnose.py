@@ -19,24 +19,20 @@ class DiagnoseOptions(FittingLog):
 
     ending = ".diagnosis"
 
-    estimate: Annotated[
-        Path | None, typer.Option("--estimate", help="Estimate directory of the same log.")
-    ] = None
+    estimate: Annotated[Path | None, typer.Option(help="Estimate directory of the same log.")] = None
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", help="Diagnosis directory; default NAME.diagnosis in the current folder, for NAME.zarr."
+            help="Diagnosis directory; default NAME.diagnosis in the current folder, for NAME.zarr."
         ),
     ] = None
     test: Annotated[
-        str | None, typer.Option("--test", help="Recordings to hold out; default those of the estimate.")
+        str | None, typer.Option(help="Recordings to hold out; default those of the estimate.")
     ] = None
     most_effects: Annotated[
         int,
         typer.Option(
-            "--most-effects",
-            min=1,
-            help="Stop when so many effects are found; one at several places at once counts as one.",
+            min=1, help="Stop when so many effects are found; one at several places at once counts as one."
         ),
     ] = 6
     expression: Annotated[
@@ -48,7 +44,6 @@ class DiagnoseOptions(FittingLog):
     time_limit: Annotated[
         float | None,
         typer.Option(
-            "--time-limit",
             min=0,
             max=1e7,
             help="Seconds after which the search ends with the best so far, as a whole result that says so.",

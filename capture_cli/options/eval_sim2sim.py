@@ -16,7 +16,7 @@ from capture_cli.options.shared import ActionPolicy, ObservationNoise, Resume, R
 class EvalSim2SimOptions(Simulating):
     """Of one evaluation, or of those of a suite."""
 
-    out: Annotated[Path, typer.Option("--out", help="Evaluation directory to write.")]
+    out: Annotated[Path, typer.Option(help="Evaluation directory to write.")]
     identifiers: Annotated[
         list[str],
         typer.Option(
@@ -28,7 +28,6 @@ class EvalSim2SimOptions(Simulating):
     task: Annotated[
         str | None,
         typer.Option(
-            "--task",
             help="Built-in task with actions, or a task.toml with --histories or a policy.",
             autocompletion=tasks,
         ),
@@ -39,15 +38,13 @@ class EvalSim2SimOptions(Simulating):
     suite: Annotated[
         str | None,
         typer.Option(
-            "--suite",
             help="paper: all its comparisons; --identifier and --policy take folders of checkpoints.",
             autocompletion=words("paper"),
         ),
     ] = None
     cells: Annotated[list[str], typer.Option("--cell", help="Of the suite, this comparison alone.")] = ()
     histories: Annotated[
-        Path | None,
-        typer.Option("--histories", help="Of a task.toml: histories whose actions rounds take, at random."),
+        Path | None, typer.Option(help="Of a task.toml: histories whose actions rounds take, at random.")
     ] = None
     effects: Annotated[
         list[str],
@@ -57,15 +54,12 @@ class EvalSim2SimOptions(Simulating):
             autocompletion=effects,
         ),
     ] = ()
-    pairs: Annotated[int, typer.Option("--pairs", min=1, help="Pairs of a source and a hidden target.")] = 100
-    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Times that the pairs are drawn.")] = 3
-    rounds: Annotated[int, typer.Option("--rounds", min=1, help="Rounds, one measured rollout each.")] = 30
+    pairs: Annotated[int, typer.Option(min=1, help="Pairs of a source and a hidden target.")] = 100
+    seeds: Annotated[int, typer.Option(min=1, help="Times that the pairs are drawn.")] = 3
+    rounds: Annotated[int, typer.Option(min=1, help="Rounds, one measured rollout each.")] = 30
     noise: ObservationNoise = "none"
-    known_noise: Annotated[
-        bool, typer.Option("--known-noise", help="Tell identifiers which labels are random.")
-    ] = False
+    known_noise: Annotated[bool, typer.Option(help="Tell identifiers which labels are random.")] = False
     fit_steps: Annotated[
-        int | None,
-        typer.Option("--fit-steps", min=1, help="Steps of compass's network each round; 1000 converge."),
+        int | None, typer.Option(min=1, help="Steps of compass's network each round; 1000 converge.")
     ] = None
     resume: Resume = False

@@ -31,51 +31,43 @@ class GenHistoriesOptions(Simulating):
     """shard_pairs: the unit of work, at most so much is lost when a run is killed."""
 
     task: Task
-    out: Annotated[str, typer.Option("--out", help="Histories to write (.zarr): a path, or a URL.")]
+    out: Annotated[str, typer.Option(help="Histories to write (.zarr): a path, or a URL.")]
     policy: ActionPolicy = "random"
     search: Annotated[
         str,
         typer.Option(
-            "--search",
             help="Strategy: randomized-binary, binary, linear-interpolation or scattered.",
             autocompletion=searches,
         ),
     ] = "randomized-binary"
-    pairs: Annotated[int, typer.Option("--pairs", min=1, help="Number of histories.")] = 1000
-    rounds: Annotated[int, typer.Option("--rounds", min=2, help="Entries of a history (the paper's L).")] = 7
-    alpha: Annotated[
-        float | None, typer.Option("--alpha", help="Shape of the symmetric Beta; 5 by default.")
-    ] = None
+    pairs: Annotated[int, typer.Option(min=1, help="Number of histories.")] = 1000
+    rounds: Annotated[int, typer.Option(min=2, help="Entries of a history (the paper's L).")] = 7
+    alpha: Annotated[float | None, typer.Option(help="Shape of the symmetric Beta; 5 by default.")] = None
     effects: AddedEffects = ()
     estimate: AddedEstimate = None
     noise: ObservationNoise = "none"
     noise_sd: Deviations = 0.0
     inputs_from: Annotated[
-        Path | None, typer.Option("--inputs-from", help="For a task.toml: log whose windows are the actions.")
+        Path | None, typer.Option(help="For a task.toml: log whose windows are the actions.")
     ] = None
-    window: Annotated[
-        float | None, typer.Option("--window", help="For a task.toml: seconds per episode.")
-    ] = None
+    window: Annotated[float | None, typer.Option(help="For a task.toml: seconds per episode.")] = None
     points: Annotated[
-        int | None, typer.Option("--points", help="For a task.toml: points of a trajectory; 20 by default.")
+        int | None, typer.Option(help="For a task.toml: points of a trajectory; 20 by default.")
     ] = None
     amplitude: Amplitude = field(default_factory=dict)
     band: Annotated[
         tuple[float, float] | None,
-        typer.Option(
-            "--band", help="For a task.toml: lowest and highest Hz of the multisines, say --band 0.1 3."
-        ),
+        typer.Option(help="For a task.toml: lowest and highest Hz of the multisines, say --band 0.1 3."),
     ] = None
     executor: Annotated[
         str,
         typer.Option(
-            "--executor",
             help="Where to simulate: local, or ray (an extra) for a cluster.",
             autocompletion=words("local", "ray"),
         ),
     ] = "local"
     address: Annotated[
-        str | None, typer.Option("--address", help="Address of the Ray cluster; one is started without.")
+        str | None, typer.Option(help="Address of the Ray cluster; one is started without.")
     ] = None
     max_log_size: MaxLogSize = None
     resume: Resume = False

@@ -24,31 +24,26 @@ class IdentifyOptions(FittingLog):
 
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", help="Estimate directory; default NAME.estimate in the current folder, for NAME.zarr."
-        ),
+        typer.Option(help="Estimate directory; default NAME.estimate in the current folder, for NAME.zarr."),
     ] = None
     identifier: Annotated[
         str | None,
         typer.Option(
-            "--identifier",
             help="least-squares, cma-es, or a directory of train-sysid; default the task's own, or least-squares.",
             autocompletion=words("least-squares", "cma-es"),
         ),
     ] = None
     test: Annotated[
-        str | None,
-        typer.Option("--test", help="Recordings to hold out (names or patterns, comma-separated), or none."),
+        str | None, typer.Option(help="Recordings to hold out (names or patterns, comma-separated), or none.")
     ] = None
     rounds: Annotated[
         int | None,
         typer.Option(
-            "--rounds",
             min=1,
             help="Most rounds: an episode each if the identifier is learned, else a batch of simulations each.",
         ),
     ] = None
     fail_on: Verdicts = frozenset()
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Take up the estimate at --out: its log has new episodes.")
-    ] = False
+    resume: Annotated[bool, typer.Option(help="Take up the estimate at --out: its log has new episodes.")] = (
+        False
+    )

@@ -18,28 +18,17 @@ class ImportLogOptions(Writing):
     files: Annotated[
         list[Path], typer.Argument(help="CSV or Parquet files, one recording each, or measured logs.")
     ]
-    task: Annotated[str, typer.Option("--task", help="Path of the task.toml that names the columns.")]
+    task: Annotated[str, typer.Option(help="Path of the task.toml that names the columns.")]
     out: LogOut
-    drop_nan: Annotated[
-        bool, typer.Option("--drop-nan", help="Drop rows with missing values, inputs and all.")
-    ] = False
+    drop_nan: Annotated[bool, typer.Option(help="Drop rows with missing values, inputs and all.")] = False
     drop_repeats: Annotated[
-        bool,
-        typer.Option("--drop-repeats", help="Drop rows that say the same as the row before, time and all."),
+        bool, typer.Option(help="Drop rows that say the same as the row before, time and all.")
     ] = False
     drop_held: Annotated[
-        bool,
-        typer.Option(
-            "--drop-held", help="Empty the repeats of sparse outputs that hold each sample until the next."
-        ),
+        bool, typer.Option(help="Empty the repeats of sparse outputs that hold each sample until the next.")
     ] = False
     even_times: Annotated[
-        bool,
-        typer.Option(
-            "--even-times", help="Put samples at even intervals where their stamps scatter about those."
-        ),
+        bool, typer.Option(help="Put samples at even intervals where their stamps scatter about those.")
     ] = False
-    append: Annotated[
-        bool, typer.Option("--append", help="Add the episodes to the log at --out, which exists.")
-    ] = False
+    append: Annotated[bool, typer.Option(help="Add the episodes to the log at --out, which exists.")] = False
     max_log_size: MaxLogSize = None

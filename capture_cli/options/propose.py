@@ -24,22 +24,17 @@ class ProposeOptions(Options):
     policy: Annotated[
         str | None,
         typer.Option(
-            "--policy",
-            help="Let this policy choose, rather than what tells most.",
-            autocompletion=words("random"),
+            help="Let this policy choose, rather than what tells most.", autocompletion=words("random")
         ),
     ] = None
-    candidates: Annotated[
-        int, typer.Option("--candidates", min=1, help="Random actions that are compared.")
-    ] = 48
+    candidates: Annotated[int, typer.Option(min=1, help="Random actions that are compared.")] = 48
     amplitude: Amplitude = field(default_factory=dict)
     beyond_log: Annotated[
-        bool,
-        typer.Option("--beyond-log", help="Also multisines that take the model beyond what the log shows."),
+        bool, typer.Option(help="Also multisines that take the model beyond what the log shows.")
     ] = False
-    out: Annotated[Path | None, typer.Option("--out", help="File to write; default stdout.")] = None
+    out: Annotated[Path | None, typer.Option(help="File to write; default stdout.")] = None
     csv: Annotated[
-        Path | None, typer.Option("--csv", help="Also the inputs, in the columns and units of the log.")
+        Path | None, typer.Option(help="Also the inputs, in the columns and units of the log.")
     ] = None
     seed: Seed = 0
     threads: Threads = None

@@ -40,29 +40,22 @@ class RecordOptions(Simulating):
     world: World = "plant"
     robot: Robot = None
     parameters: Parameters = field(default_factory=dict)
-    random_parameters: Annotated[
-        bool, typer.Option("--random-parameters", help="Draw the others at random.")
-    ] = False
+    random_parameters: Annotated[bool, typer.Option(help="Draw the others at random.")] = False
     effects: Annotated[
         list[str],
         typer.Option(
-            "--effect",
-            help="NAME@SITE.PARAMETER=VALUE, or =LOW:HIGH, drawn from.",
-            autocompletion=effects,
+            "--effect", help="NAME@SITE.PARAMETER=VALUE, or =LOW:HIGH, drawn from.", autocompletion=effects
         ),
     ] = ()
     estimate: Annotated[
         Path | None,
-        typer.Option(
-            "--estimate", help="Estimate or diagnosis directory, whose values and effects the machine has."
-        ),
+        typer.Option(help="Estimate or diagnosis directory, whose values and effects the machine has."),
     ] = None
     noise: Noise = 0.0
-    episodes: Annotated[int, typer.Option("--episodes", min=1, help="Number of episodes.")] = 1
+    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 1
     policy: Annotated[
         str | None,
         typer.Option(
-            "--policy",
             help="Who chooses the actions of a task that has some; default random.",
             autocompletion=words("random"),
         ),
@@ -70,34 +63,26 @@ class RecordOptions(Simulating):
     belief: Annotated[
         str,
         typer.Option(
-            "--belief",
             help="What the policy takes the parameters for: nominal, or random each time.",
             autocompletion=words("nominal", "random"),
         ),
     ] = "nominal"
-    actions_from: Annotated[
-        Path | None, typer.Option("--actions-from", help="Proposal whose action every episode takes.")
-    ] = None
-    duration: Annotated[float | None, typer.Option("--duration", help="Seconds per episode; default 10.")] = (
+    actions_from: Annotated[Path | None, typer.Option(help="Proposal whose action every episode takes.")] = (
         None
     )
+    duration: Annotated[float | None, typer.Option(help="Seconds per episode; default 10.")] = None
     rate: Annotated[
-        float | None,
-        typer.Option("--rate", help="Samples per second; default the model's own, of actions 100."),
+        float | None, typer.Option(help="Samples per second; default the model's own, of actions 100.")
     ] = None
-    inputs_from: Annotated[
-        Path | None, typer.Option("--inputs-from", help="Log, or proposal, whose inputs to replay.")
-    ] = None
+    inputs_from: Annotated[Path | None, typer.Option(help="Log, or proposal, whose inputs to replay.")] = None
     amplitude: Amplitude = field(default_factory=dict)
     band: Annotated[
         tuple[float, float],
         typer.Option(
-            "--band", help="Lowest and highest Hz of the multisine; default --band 0.1 3.", show_default=False
+            help="Lowest and highest Hz of the multisine; default --band 0.1 3.", show_default=False
         ),
     ] = (0.1, 3.0)
     start: Start = field(default_factory=dict)
     start_velocity: StartVelocity = field(default_factory=dict)
-    truth: Annotated[
-        Path | None, typer.Option("--truth", help="Where the truth goes; default OUT.truth.json.")
-    ] = None
+    truth: Annotated[Path | None, typer.Option(help="Where the truth goes; default OUT.truth.json.")] = None
     max_log_size: MaxLogSize = None

@@ -21,50 +21,39 @@ _TASK = "Built-in task, or path of a task.toml."
 TakenSeed = Annotated[
     int | None,
     typer.Option(
-        "--seed",
-        min=0,
-        max=LARGEST_SEED,
-        help="Seed of every random choice; default that of the estimate, or 0.",
+        min=0, max=LARGEST_SEED, help="Seed of every random choice; default that of the estimate, or 0."
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of every random choice.")]
-Threads = Annotated[
-    int | None, typer.Option("--threads", min=1, max=MOST_THREADS, help="Threads; all cores by default.")
-]
-Task = Annotated[str, typer.Option("--task", help=_TASK, autocompletion=tasks)]
-OptionalTask = Annotated[str | None, typer.Option("--task", help=_TASK, autocompletion=tasks)]
-LogOut = Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")]
-RealLog = Annotated[Path, typer.Option("--real-log", help="Measured log (.zarr).")]
+Seed = Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Seed of every random choice.")]
+Threads = Annotated[int | None, typer.Option(min=1, max=MOST_THREADS, help="Threads; all cores by default.")]
+Task = Annotated[str, typer.Option(help=_TASK, autocompletion=tasks)]
+OptionalTask = Annotated[str | None, typer.Option(help=_TASK, autocompletion=tasks)]
+LogOut = Annotated[Path, typer.Option(help="Measured log to write (.zarr).")]
+RealLog = Annotated[Path, typer.Option(help="Measured log (.zarr).")]
 MaxLogSize = Annotated[
     int | None,
     typer.Option(
-        "--max-log-size",
         parser=byte_count,
         metavar="SIZE",
         help="Most memory for a log, say 2GB; default 100MB, or 50 times what it takes on disk.",
     ),
 ]
-Window = Annotated[float | None, typer.Option("--window", help="Seconds between restarts of the state.")]
+Window = Annotated[float | None, typer.Option(help="Seconds between restarts of the state.")]
 Starts = Annotated[
     int,
     typer.Option(
-        "--starts",
-        min=1,
-        max=MOST_STARTS,
-        help="Descents from different places; one, where a force balance says where.",
+        min=1, max=MOST_STARTS, help="Descents from different places; one, where a force balance says where."
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 Result = Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")]
-CheckpointOut = Annotated[Path, typer.Option("--out", help="Checkpoint directory to write.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace --out if it exists.")]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on with a run that ended early.")]
+CheckpointOut = Annotated[Path, typer.Option(help="Checkpoint directory to write.")]
+Force = Annotated[bool, typer.Option(help="Replace --out if it exists.")]
+Resume = Annotated[bool, typer.Option(help="Go on with a run that ended early.")]
 ActionPolicy = Annotated[
     str,
     typer.Option(
-        "--policy",
-        help="Who chooses actions: random, or a checkpoint directory.",
-        autocompletion=words("random"),
+        help="Who chooses actions: random, or a checkpoint directory.", autocompletion=words("random")
     ),
 ]
 AddedEffects = Annotated[
@@ -76,13 +65,11 @@ AddedEffects = Annotated[
     ),
 ]
 AddedEstimate = Annotated[
-    Path | None,
-    typer.Option("--estimate", help="Diagnosis directory: what was found is in the simulated machine."),
+    Path | None, typer.Option(help="Diagnosis directory: what was found is in the simulated machine.")
 ]
 World = Annotated[
     str,
     typer.Option(
-        "--world",
         help="plant, or robosuite (an extra): the whole scene and its robot.",
         autocompletion=words("plant", "robosuite"),
     ),
@@ -90,7 +77,6 @@ World = Annotated[
 Robot = Annotated[
     str | None,
     typer.Option(
-        "--robot",
         help="Of --world robosuite; default Panda.",
         autocompletion=words("Panda", "UR5e", "Sawyer", "IIWA", "Kinova3"),
     ),
@@ -98,7 +84,6 @@ Robot = Annotated[
 ObservationNoise = Annotated[
     str,
     typer.Option(
-        "--noise",
         help="On what is measured: none, scale or label, as in the paper.",
         autocompletion=words("none", "scale", "label"),
     ),
@@ -106,7 +91,6 @@ ObservationNoise = Annotated[
 Device = Annotated[
     str,
     typer.Option(
-        "--device",
         help="Of the networks: cpu, cuda, or auto: a GPU if there is one.",
         autocompletion=words("auto", "cpu", "cuda"),
     ),
@@ -146,7 +130,7 @@ class Writing(Options):
 
     force: Force = False
     json_: Json = False
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")] = False
+    quiet: Annotated[bool, typer.Option(help="No progress, no tables.")] = False
 
 
 @dataclass(frozen=True, kw_only=True)

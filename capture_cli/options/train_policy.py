@@ -18,31 +18,26 @@ class TrainPolicyOptions(Simulating):
     """
 
     task: Annotated[
-        str,
-        typer.Option(
-            "--task", help="Built-in task with a reward, or a task.toml with one.", autocompletion=tasks
-        ),
+        str, typer.Option(help="Built-in task with a reward, or a task.toml with one.", autocompletion=tasks)
     ]
     out: CheckpointOut
-    policy: Annotated[
-        str, typer.Option("--policy", help="What to train: sac.", autocompletion=words("sac"))
-    ] = "sac"
+    policy: Annotated[str, typer.Option(help="What to train: sac.", autocompletion=words("sac"))] = "sac"
     effects: AddedEffects = ()
     estimate: AddedEstimate = None
-    steps: Annotated[int, typer.Option("--steps", help="Episodes.")] = 150_000
-    envs: Annotated[int, typer.Option("--envs", help="Episodes simulated at once.")] = 64
-    updates: Annotated[int, typer.Option("--updates", help="Gradient steps after each of these.")] = 16
-    batch: Annotated[int, typer.Option("--batch", help="Episodes per gradient step.")] = 256
+    steps: Annotated[int, typer.Option(help="Episodes.")] = 150_000
+    envs: Annotated[int, typer.Option(help="Episodes simulated at once.")] = 64
+    updates: Annotated[int, typer.Option(help="Gradient steps after each of these.")] = 16
+    batch: Annotated[int, typer.Option(help="Episodes per gradient step.")] = 256
     learning_rate: Annotated[
         float, typer.Option("--lr", help="Learning rate at the start; it falls linearly to 0.")
     ] = 1e-3
     entropy: Annotated[
-        float | None, typer.Option("--entropy", help="Weight of the entropy; the task's own by default.")
+        float | None, typer.Option(help="Weight of the entropy; the task's own by default.")
     ] = None
-    width: Annotated[int, typer.Option("--width", help="Width of the networks.")] = 64
-    layers: Annotated[int, typer.Option("--layers", help="Hidden layers of the networks.")] = 2
+    width: Annotated[int, typer.Option(help="Width of the networks.")] = 64
+    layers: Annotated[int, typer.Option(help="Hidden layers of the networks.")] = 2
     evaluations: Annotated[
-        int, typer.Option("--evaluations", help="Points of the evaluation curve; what --resume goes on from.")
+        int, typer.Option(help="Points of the evaluation curve; what --resume goes on from.")
     ] = 30
     device: Device = "cpu"
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a training that ended early.")] = False
+    resume: Annotated[bool, typer.Option(help="Go on with a training that ended early.")] = False

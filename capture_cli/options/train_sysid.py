@@ -26,22 +26,14 @@ LEARNED = (
 class TrainSysidOptions(Writing):
     """window: rounds that it reads; tokens: of a trajectory; None is the identifier's own."""
 
-    histories: Annotated[
-        str, typer.Option("--histories", help="Histories to learn from (.zarr): a path, or a URL.")
-    ]
+    histories: Annotated[str, typer.Option(help="Histories to learn from (.zarr): a path, or a URL.")]
     out: CheckpointOut
     identifier: Annotated[
-        str,
-        typer.Option(
-            "--identifier",
-            help=f"{', '.join(LEARNED[:-1])} or {LEARNED[-1]}.",
-            autocompletion=words(*LEARNED),
-        ),
+        str, typer.Option(help=f"{', '.join(LEARNED[:-1])} or {LEARNED[-1]}.", autocompletion=words(*LEARNED))
     ] = "capture"
     tokens: Annotated[
         str | None,
         typer.Option(
-            "--tokens",
             help="trajectory: one token each; step: one per state, as capture has. Others: trajectory.",
             autocompletion=words("trajectory", "step"),
         ),
@@ -49,42 +41,31 @@ class TrainSysidOptions(Writing):
     window: Annotated[
         int | None,
         typer.Option(
-            "--window",
-            min=1,
-            help="Rounds it reads (the paper's k); 4, or all for posterior and capture-refined.",
+            min=1, help="Rounds it reads (the paper's k); 4, or all for posterior and capture-refined."
         ),
     ] = None
-    width: Annotated[int, typer.Option("--width", min=1, help="Width of the transformer.")] = 128
-    layers: Annotated[int, typer.Option("--layers", min=1, help="Its layers.")] = 3
-    heads: Annotated[int, typer.Option("--heads", min=1, help="Its attention heads.")] = 4
-    dropout: Annotated[
-        float, typer.Option("--dropout", min=0, max=0.9, help="Share of activations dropped.")
-    ] = 0.0
-    steps: Annotated[int, typer.Option("--steps", min=1, help="Optimiser steps at most.")] = 20_000
-    batch: Annotated[int, typer.Option("--batch", min=1, help="Windows per step.")] = 256
+    width: Annotated[int, typer.Option(min=1, help="Width of the transformer.")] = 128
+    layers: Annotated[int, typer.Option(min=1, help="Its layers.")] = 3
+    heads: Annotated[int, typer.Option(min=1, help="Its attention heads.")] = 4
+    dropout: Annotated[float, typer.Option(min=0, max=0.9, help="Share of activations dropped.")] = 0.0
+    steps: Annotated[int, typer.Option(min=1, help="Optimiser steps at most.")] = 20_000
+    batch: Annotated[int, typer.Option(min=1, help="Windows per step.")] = 256
     learning_rate: Annotated[float, typer.Option("--lr", help="Highest learning rate.")] = 1e-3
-    warmup: Annotated[int, typer.Option("--warmup", min=0, help="Steps until it is reached.")] = 200
-    weight_decay: Annotated[float, typer.Option("--weight-decay", min=0, help="Of AdamW.")] = 0.01
-    validation: Annotated[float, typer.Option("--validation", help="Share of the pairs held out.")] = 0.1
+    warmup: Annotated[int, typer.Option(min=0, help="Steps until it is reached.")] = 200
+    weight_decay: Annotated[float, typer.Option(min=0, help="Of AdamW.")] = 0.01
+    validation: Annotated[float, typer.Option(help="Share of the pairs held out.")] = 0.1
     patience: Annotated[
         int,
-        typer.Option(
-            "--patience",
-            min=1,
-            help="Stop after so many evaluations, of 50, without a gain since the warm-up.",
-        ),
+        typer.Option(min=1, help="Stop after so many evaluations, of 50, without a gain since the warm-up."),
     ] = 10
     precision: Annotated[
         str,
         typer.Option(
-            "--precision",
             help="float32, bfloat16, or auto: bfloat16 on a GPU.",
             autocompletion=words("auto", "float32", "bfloat16"),
         ),
     ] = "auto"
     device: Device = "auto"
-    threads: Annotated[
-        int, typer.Option("--threads", min=1, help="CPU threads; another number rounds otherwise.")
-    ] = 1
+    threads: Annotated[int, typer.Option(min=1, help="CPU threads; another number rounds otherwise.")] = 1
     seed: Seed = 0
     resume: Resume = False
