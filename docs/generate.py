@@ -460,6 +460,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
             "effects[].tied_with": "list of EFFECT@SITE that this log cannot tell from it",
             "parameters.NAME": Part("parameter", "with the effects in"),
             "stages[].model": '"declared", then "+ EFFECT@SITE" for each effect',
+            "stages[].refitted": "whether to all that is not held out; between the first and the last none is",
             "stages[].fit": Part("error", "windows that were fitted"),
             "stages[].select": Part(
                 "error", "windows that chose, by fits that did not see them; null: none did"
@@ -473,7 +474,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
             "lack_of_fit.before": Part("lack", "declared model"),
             "lack_of_fit.after": Part("lack", "with the effects"),
             ", ".join(_NOTES): "as in estimate.json",
-            "out_of_time": "null, or that --time-limit ended the search, in words",
+            "out_of_time": "null, or what --time-limit ended or left out, in words",
             "absorbed.NAME.before, absorbed.NAME.after": "a declared parameter without and with the effects, for "
             "which it had been standing in",
             "absorbed.NAME.unit": "its unit",

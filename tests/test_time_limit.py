@@ -1,15 +1,21 @@
-"""`diagnose --time-limit`: a whole result with the best so far, which says that it was ended."""
+"""`diagnose --time-limit`: a whole result with the best so far, in time, which says that it was ended."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
 
 import pytest
 from diagnosing import look_among
 from held_inputs import held_machine
 
-from capture_cli.errors import CaptureError
-from capture_cli.report.diagnosis_findings import notes
+from capture_cli.errors import CaptureError, OutOfTime
+from capture_cli.report.diagnosis_findings import notes, placed
+from capture_cli.select import explain as explaining
 from capture_cli.select.explain import Settings
 from capture_cli.select.search import Attribution
+from capture_cli.select.time_limit import TimeLimit
+from capture_cli.simulate.engine import Engine
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
 from capture_cli.store.diagnosis import Diagnosis, DiagnosisRecord
@@ -37,10 +43,34 @@ def asked(tmp_path_factory) -> dict:
     return {"task": task, "real_log": folder / "log.zarr", **ASKED}
 
 
+class Clock:
+    """A clock that a simulated window moves by a second."""
+
+    def __init__(self):
+        self.seconds = 0.0
+
+    def rollout(self, engine: Engine, starts, *more, **options):
+        found = self.own(engine, starts, *more, **options)
+        self.seconds += len(starts)
+        return found
+
+
+@pytest.fixture
+def clock(monkeypatch) -> Clock:
+    """Time is what simulations take."""
+    clock = Clock()
+    Clock.own = staticmethod(Engine.rollout)
+    monkeypatch.setattr(Engine, "rollout", lambda *given, **options: clock.rollout(*given, **options))
+    monkeypatch.setattr(TimeLimit, "now", lambda _=None: clock.seconds)
+    return clock
+
+
 def test_no_time_at_all_is_a_whole_result_without_effects(asked, tmp_path):
     found = diagnose(out=tmp_path / "d", time_limit=0.0, **asked).document
     assert found["verdict"] == "unexplained" and found["effects"] == []
     assert "time limit" in found["out_of_time"] and found["out_of_time"] in notes(DiagnosisRecord.of(found))
+    assert "a refit of the declared model" in found["out_of_time"]
+    assert [stage["refitted"] for stage in found["stages"]] == [False]
     assert (tmp_path / "d" / "report.html").is_file()
     # a run that may search longer takes it for another one
     with pytest.raises(CaptureError, match="time_limit"):
@@ -55,10 +85,11 @@ def test_what_was_found_until_then_stands(asked, tmp_path, monkeypatch, without_
         return keep(self, current)
 
     monkeypatch.setattr(Attribution, "_keep", kept)
-    monkeypatch.setattr(Settings, "is_over", property(lambda _: bool(over)))
-    found = diagnose(out=tmp_path / "d", time_limit=1e6, **asked).document
-    assert found["effects"] and found["out_of_time"]
-    assert len(found["stages"]) == len(found["effects"]) + 1
+    monkeypatch.setattr(TimeLimit, "now", lambda _=None: 1e6 if over else 0.0)
+    found = diagnose(out=tmp_path / "d", time_limit=1e5, **asked).document
+    assert found["effects"] and "a refit of the last model" in found["out_of_time"]
+    names = [stage["model"] for stage in found["stages"]]
+    assert [names[0], names[-1]] == ["declared", f"+ {placed(found['effects'][-1])}"]
     assert Diagnosis.read(tmp_path / "d").document == found
 
 
@@ -68,3 +99,87 @@ def test_without_a_limit_nothing_is_ended(asked, tmp_path, without_pages):
     names = {name.partition("@")[0] for e in found["effects"] for name in [e["name"], *e["tied_with"]]}
     assert len(found["effects"]) == 2 and names >= {"coulomb-friction", "sensor-bias"}
     assert found["out_of_time"] is None
+    assert [stage["refitted"] for stage in found["stages"]] == [True, False, True]
+
+
+def test_it_ends_in_time_and_says_what_was_left_out(asked, tmp_path, without_pages, clock):
+    assert diagnose(out=tmp_path / "whole", **asked).document["out_of_time"] is None
+    whole = clock.seconds
+    for share in (0.2, 0.5, 0.95):
+        clock.seconds = 0.0
+        found = diagnose(out=tmp_path / str(share), time_limit=share * whole, **asked).document
+        assert 0.5 * share * whole < clock.seconds <= share * whole
+        assert found["out_of_time"].startswith("The time limit ended the search")
+        assert found["stages"][-1]["refitted"] and found["prediction"]["test"]
+    clock.seconds = 0.0
+    assert (
+        diagnose(out=tmp_path / "in time", time_limit=1.01 * whole, **asked).document["out_of_time"] is None
+    )
+
+
+def test_what_is_stopped_is_left_out(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(TimeLimit, "now", lambda _=None: now[0])
+    limit = TimeLimit(10.0)
+
+    def work(seconds: float) -> str:
+        now[0] += seconds
+        limit.check()
+        return "made"
+
+    assert limit.made(lambda: work(5.0), "a", keeping=3.0) == "made"
+    assert limit.made(lambda: work(3.0), "b", keeping=3.0) is None and limit.left_out == ["b"]
+    assert limit.made(lambda: work(1.0), "c", keeping=0.0) == "made"
+    assert work(100.0) == "made"  # nothing says how much is to be left
+    assert limit.made(lambda: work(1.0), "b", keeping=0.0) is None and limit.left_out == ["b"]
+
+
+def test_what_is_around_stops_what_is_within(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(TimeLimit, "now", lambda _=None: now[0])
+    limit = TimeLimit(10.0)
+
+    def late() -> None:
+        now[0] = 7.0
+        limit.check()
+
+    with pytest.raises(OutOfTime), limit.keeping(4.0):
+        limit.made(late, "a", keeping=2.0)
+    assert limit.left_out == []
+    with limit.keeping(2.0):
+        assert limit.made(late, "a", keeping=4.0) is None and limit.left_out == ["a"]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What there is of an Explanation to tell whether to search again."""
+
+    name: str
+    out_of_time: bool = False
+    leaves_something: bool = True
+    left_out: tuple[str, ...] = ()
+    rollouts: int = 0
+
+
+@pytest.mark.parametrize("stopped", ["in the search", "before it", "not at all"])
+def test_where_another_search_is_stopped_what_was_found_before_stands(monkeypatch, stopped):
+    def begin(*_, free=False):
+        if free and stopped == "before it":
+            raise OutOfTime
+        other = Found("free", stopped == "in the search", leaves_something=False)
+        found = other if free else Found("as acted", left_out=("minima",))
+        protocol = SimpleNamespace(closing=SimpleNamespace(whole=1.0))
+        return SimpleNamespace(explain=lambda: found, as_acted=not free, prepared=prepared, protocol=protocol)
+
+    prepared = SimpleNamespace(rollouts=0)
+    monkeypatch.setattr(explaining, "_begin", begin)
+    monkeypatch.setattr(explaining, "check_parameters_move_outputs", lambda *_, **__: 0)
+    monkeypatch.setattr(explaining, "with_noise_of_repeats", lambda prepared, *_, **__: (prepared, 0))
+    monkeypatch.setattr(explaining, "with_outliers", lambda prepared, *_: prepared)
+    monkeypatch.setattr(Found, "parts", SimpleNamespace(windows=lambda _: None), raising=False)
+    monkeypatch.setattr(Found, "after", SimpleNamespace(fit=None), raising=False)
+    found = explaining.explain(prepared, None, Settings(), lambda *_: None)
+    if stopped == "not at all":
+        assert found.name == "free" and not found.left_out
+    else:
+        assert found.name == "as acted" and found.left_out == ("minima", "a search with free starts")

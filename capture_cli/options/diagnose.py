@@ -46,7 +46,7 @@ class DiagnoseOptions(FittingLog):
         typer.Option(
             min=0,
             max=1e7,
-            help="Seconds after which the search ends with the best so far, as a whole result that says so.",
+            help="Seconds until all is done, with the best so far, as a whole result that says what is left out.",
         ),
     ] = None
     fail_on: Verdicts = frozenset()

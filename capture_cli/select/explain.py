@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -13,18 +15,18 @@ from capture_cli.estimate.checkpoint import Checkpoint
 from capture_cli.estimate.difference_step import difference_step
 from capture_cli.estimate.fit import SETTINGS as FIT_SETTINGS
 from capture_cli.estimate.fit import Fit, least
-from capture_cli.estimate.held_out import held_out
+from capture_cli.estimate.held_out import HeldOut, held_out
 from capture_cli.estimate.initial_states.of_windows import as_acted, begins_as_acted
 from capture_cli.estimate.limits import with_limits
 from capture_cli.estimate.log_balance import balanced_point
 from capture_cli.estimate.log_requirements import all_diverged, check_parameters_move_outputs
 from capture_cli.estimate.model_fits import Effort, ModelFits
-from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
+from capture_cli.estimate.noise.lack_of_fit import lack_held_out, lack_of_fit
 from capture_cli.estimate.noise.repeated_noise import with_noise_of_repeats
 from capture_cli.estimate.noise.residual_noise import with_noise_of_residual, with_outliers
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
-from capture_cli.estimate.solve.intervals import intervals
+from capture_cli.estimate.solve.intervals import Intervals, intervals
 from capture_cli.estimate.time_step import shorter_step
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.experiment.excitation_range import ExcitationRange
@@ -36,6 +38,7 @@ from capture_cli.select.minima import minima
 from capture_cli.select.model_comparison import ModelComparison, starts_found
 from capture_cli.select.search import SETTINGS as SEARCH
 from capture_cli.select.search import Attribution
+from capture_cli.select.time_limit import Made, TimeLimit
 
 # what is tried, its number, of how many, what was found so far
 OnStep = Callable[[str, int, int, Sequence[str]], None]
@@ -44,8 +47,7 @@ OnStep = Callable[[str, int, int, Sequence[str]], None]
 @dataclass(frozen=True)
 class Settings:
     """starts: of the declared model's fit, where no force balance says where to begin. most_effects: to add.
-    expression: to look for a formula of what is left. checkpoint: of an earlier run of the same steps. deadline: s, of
-    time.monotonic, when the search ends with the best so far.
+    expression: to look for a formula of what is left. checkpoint: of an earlier run of the same steps.
     """
 
     starts: int = 3
@@ -54,12 +56,7 @@ class Settings:
     seed: int = 0
     threads: int | None = None
     checkpoint: Checkpoint | None = None
-    deadline: float = np.inf
-
-    @property
-    def is_over(self) -> bool:
-        """Whether the search is to end."""
-        return time.monotonic() > self.deadline
+    limit: TimeLimit = field(default_factory=TimeLimit)
 
 
 def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_step: OnStep) -> Explanation:
@@ -72,19 +69,30 @@ def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_s
     rollouts = prepared.rollouts
     rollouts += check_parameters_move_outputs(prepared, seed=settings.seed, threads=settings.threads)
     prepared, more = with_noise_of_repeats(prepared, nominal, threads=settings.threads, seed=settings.seed)
+    known = tuple(settings.limit.left_out)
     begun = _begin(prepared, nominal, settings, on_step, rollouts + more)
     found = begun.explain()
-    if settings.is_over:
+    if found.out_of_time:
         return found
+
+    def otherwise(prepared: PreparedLog, what: str, *, free: bool) -> tuple[_Declared, Explanation]:
+        """What is found so; as before where its search is stopped, for that before was whole."""
+        settings.limit.left_out[:] = known
+        with suppress(OutOfTime), settings.limit.keeping(begun.protocol.closing.whole):
+            other = _begin(prepared, nominal, settings, on_step, found.rollouts, free=free)
+            explained = other.explain()
+            if not explained.out_of_time:
+                return other, explained
+        return begun, replace(found, left_out=(*found.left_out, what))
+
     free = begun.as_acted and found.leaves_something
     if free:
-        begun = _begin(begun.prepared, nominal, settings, on_step, found.rollouts, free=True)
-        found = begun.explain()
+        begun, found = otherwise(begun.prepared, "a search with free starts", free=True)
     if found.leaves_something:
         fitted, after = found.parts.windows(FIT), found.after.fit
         noisier = with_outliers(begun.prepared, fitted, after, settings.threads)
         if noisier is not begun.prepared:
-            found = _begin(noisier, nominal, settings, on_step, found.rollouts, free=free).explain()
+            _, found = otherwise(noisier, "a search with outliers in the noise floor", free=free)
     return found
 
 
@@ -146,12 +154,34 @@ def _better_prepared(prepared: PreparedLog, protocol: _Protocol, declared: Fit) 
     return replace(prepared, difference_step=step) if step > prepared.difference_step else prepared
 
 
+@dataclass(frozen=True)
+class _Closing:
+    """What it takes, s, to make a row of the declared model: to refit it, and to work out the starts of all windows.
+
+    What follows a search takes as much for the model that was found, and some more simulations of the log.
+    """
+
+    refit: float = 0.0
+    whole: float = 0.0
+
+    @property
+    def after_refit(self) -> float:
+        """s; for errors in open loop every window is simulated a few times, which are about as many again."""
+        return 2 * self.whole
+
+    @property
+    def after_search(self) -> float:
+        """s, with a refit, and a descent beside it, which shows whether the error has other minima."""
+        return 2 * self.refit + self.after_refit
+
+
 class _Protocol:
     """The declared model, then effects, on one prepared log. `fits.rollouts` goes on from `rollouts`."""
 
     def __init__(self, prepared: PreparedLog, settings: Settings, on_step: OnStep, rollouts: int = 0):
         self.prepared = prepared
         self.settings = settings
+        self.limit, self.closing = settings.limit, _Closing()
         self.on_step = on_step
         self.parts = LogParts.of(prepared)
         fitted = np.flatnonzero(self.parts.number == FIT)
@@ -160,6 +190,7 @@ class _Protocol:
             prepared, settings.threads, settings.checkpoint, from_balance=self.balanced is not None
         )
         self.fits.rollouts = rollouts
+        self.fits.engine.on_work = self.limit.check
 
     def declare(self, start: np.ndarray, offsets: np.ndarray | None = None) -> Fit:
         """The declared model, from `start` (parameter,) and other places, with windows begun at `offsets` (window,
@@ -190,8 +221,10 @@ class _Protocol:
         where one is wanted.
         """
         attribution = self._attribution()
-        last = attribution.run(declared)
-        models = self._models(attribution.models, last)
+        first = self._first(attribution.models, declared)
+        with self.limit.keeping(self.closing.after_search):
+            last = attribution.run(declared)
+        models = self._models(attribution.models, first, last)
         after = models[-1]
         tied = next((a.tied for a in attribution.accepted if a.tied), [])
         found = Explanation(
@@ -199,27 +232,49 @@ class _Protocol:
             attribution.accepted,
             attribution.candidates,
             models,
-            sure=with_limits(self.fits, self._seen(after), after.again, after.intervals),
+            sure=self._limited(after),
             motion=self.fits.motion(self.prepared, after.again, after.whole.offsets),
             begun=self.fits.begun(self.prepared, after.again, after.whole.offsets),
-            held_out=held_out(
-                self.fits,
-                after.again,
-                after.intervals.covariance,
-                after.whole,
-                self.parts.number == TEST,
-            ),
+            held_out=self._held_out(after),
             shorter_step=shorter_step(self.fits, self._seen(after), after.again, after.intervals),
-            next_experiment=next_experiment(
-                self.fits, after.fit, [c.fit for c in tied], self.settings.seed, self._shown(after)
-            ),
+            next_experiment=self._next_experiment(after, [c.fit for c in tied]) if tied else None,
             out_of_time=attribution.out_of_time,
         )
         wanted = self.settings.expression and last_time and found.verdict == "unexplained"
         wanted = wanted and not attribution.out_of_time
         if wanted and after.lacking.lacking:
-            found = replace(found, expression=self._expression(last, after))
-        return replace(found, rollouts=self.fits.rollouts)
+            formula = self._in_time(lambda: self._expression(last, after), "a formula of what is left")
+            found = replace(found, expression=formula)
+        return replace(found, rollouts=self.fits.rollouts, left_out=tuple(self.limit.left_out))
+
+    def _in_time(self, make: Callable[[], Made], what: str) -> Made | None:
+        """What `make` makes where that leaves the time that errors in open loop take; None otherwise."""
+        return self.limit.made(make, what, keeping=self.closing.whole)
+
+    def _limited(self, model: JudgedModel) -> Intervals:
+        """Its intervals, with limits of what the log does not determine."""
+        found = self._in_time(
+            lambda: with_limits(self.fits, self._seen(model), model.again, model.intervals),
+            "limits of what the log does not determine",
+        )
+        return found or model.intervals
+
+    def _held_out(self, model: JudgedModel) -> HeldOut:
+        """Whether it holds on the test part."""
+        is_test = self.parts.number == TEST
+        found = self._in_time(
+            lambda: held_out(self.fits, model.again, model.intervals.covariance, model.whole, is_test),
+            "a fit to what was held out, too",
+        )
+        test = model.whole.rows(is_test)
+        return found or HeldOut(lack_held_out(test.data, test.residual))
+
+    def _next_experiment(self, mine: JudgedModel, others: Sequence[Fit]) -> dict[str, Any] | None:
+        """What would tell it from the `others`."""
+        return self._in_time(
+            lambda: next_experiment(self.fits, mine.fit, others, self.settings.seed, self._shown(mine)),
+            "the experiment that would end the tie",
+        )
 
     def _shown(self, model: JudgedModel) -> ExcitationRange:
         """How far the log shows that the machine went."""
@@ -237,7 +292,7 @@ class _Protocol:
 
     def _seen(self, model: JudgedModel) -> PreparedLog:
         """What its refit was made of."""
-        return self.parts.windows(*((FIT,) if model.again is model.fit else (FIT, SELECT)))
+        return self.parts.windows(*((FIT, SELECT) if model.is_refitted else (FIT,)))
 
     def _attribution(
         self, candidates: Sequence[Candidate] | None = None, known: Sequence[str] = ()
@@ -253,33 +308,70 @@ class _Protocol:
         )
 
     def _step(self, what: str, number: int, total: int, found: Sequence[str]) -> None:
-        if self.settings.is_over:
-            raise OutOfTime
+        self.limit.check()
         self.on_step(what, number, total, found)
 
-    def _models(self, compared: ModelComparison, last: Fit) -> list[JudgedModel]:
-        """The declared model and each with one more accepted effect."""
-        models = []
-        for count in range(len(last.effects) + 1):
-            self.on_step("refit", count, len(last.effects) + 1, [e.name for e in last.effects])
-            if count == len(last.effects):
-                models.append(self._judged(compared, last, with_minima=True))
-            else:
-                models.append(self._judged(compared, compared.nested(last, count), with_minima=False))
-        return models
+    def _first(self, compared: ModelComparison, declared: Fit) -> JudgedModel:
+        """The declared model. How long it takes tells what is to be kept free for the last one."""
+        judged, times = compared.judge(declared), [self.limit.now()]
+        again = self._again(declared, judged)
+        times.append(self.limit.now())
+        whole = self._whole(declared, again, judged)
+        times.append(self.limit.now())
+        self.closing = _Closing(*np.diff(times))
+        return JudgedModel("declared", declared, again or declared, [], judged, whole)
 
-    def _judged(self, compared: ModelComparison, fit: Fit, *, with_minima: bool) -> JudgedModel:
-        name = f"+ {fit.effects[-1].name}" if fit.effects else "declared"
-        judged = compared.judge(fit)
-        again = self._again(fit, judged)
-        others = []
-        if again is not None and with_minima:
-            part = self.parts.windows(FIT, SELECT)
-            again, *others = minima(self.fits, part, again, self.settings.seed)
+    def _models(self, compared: ModelComparison, first: JudgedModel, last: Fit) -> list[JudgedModel]:
+        """The declared model and each with one more accepted effect; of these the last is refitted."""
+        names = [e.name for e in last.effects]
+        after = self._last(compared, first, last)
+        between = []
+        for count in range(1, len(names)):
+            self.on_step("refit", count - 1, len(names) - 1, names)
+            name = f"+ {names[count - 1]}"
+            row = self._in_time(partial(self._between, compared, last, count, name), f"the row of {name}")
+            between += [] if row is None else [row]
+        if not names:
+            return [after]
+        declared = compared.nested(last, 0)
+        before = first if declared is first.fit else self._first(compared, declared)
+        return [before, *between, after]
+
+    def _last(self, compared: ModelComparison, first: JudgedModel, fit: Fit) -> JudgedModel:
+        """The model that was found, with other minima of its error."""
+        self.on_step("refit", 0, 1, [e.name for e in fit.effects])
+        judged, part, others = compared.judge(fit), self.parts.windows(FIT, SELECT), []
+        known = fit is first.fit
+        begun = (first.again if first.is_refitted else None) if known else self._again(fit, judged)
+        again = begun
+        if begun is not None:
+            found = self.limit.made(
+                lambda: minima(self.fits, part, begun, self.settings.seed),
+                "other values that may explain the log as well",
+                keeping=self.closing.after_refit,
+            )
+            again, *others = found or [begun]
+        whole = first.whole if known and again is begun else self._whole(fit, again, judged)
+        if again is not None:
             again = self.fits.sharpened(part, again)
-        return JudgedModel(name, fit, again or fit, others, judged, self._whole(fit, again))
+        name = f"+ {fit.effects[-1].name}" if fit.effects else "declared"
+        return JudgedModel(name, fit, again or fit, others, judged, whole)
+
+    def _between(self, compared: ModelComparison, last: Fit, count: int, name: str) -> JudgedModel:
+        """The model with the first `count` effects of the `last`, by the fit that it was compared by."""
+        fit = compared.nested(last, count)
+        judged = compared.judge(fit)
+        return JudgedModel(name, fit, fit, [], judged, self._whole(fit, None, judged))
 
     def _again(self, fit: Fit, judged: PartFit | None) -> Fit | None:
+        """The refit; None where it diverges, or there is no time for it."""
+        return self.limit.made(
+            lambda: self._refitted(fit, judged),
+            f"a refit of the {'last' if fit.effects else 'declared'} model to all that is not held out",
+            keeping=self.closing.after_refit,
+        )
+
+    def _refitted(self, fit: Fit, judged: PartFit | None) -> Fit | None:
         """`fit` on all that is not test, from where it ended."""
         return self.fits.fit(
             self.parts.windows(FIT, SELECT),
@@ -290,15 +382,24 @@ class _Protocol:
             effort=Effort(tolerance=FIT_SETTINGS.exact),
         )
 
-    def _whole(self, fit: Fit, again: Fit | None) -> PartFit:
-        """The refit, or the fit where there is none, on every window; what was held out has no say in the others."""
-        seen = self.parts.number != TEST
-        offsets = None if again is None else again.offsets
-        parts = [self.fits.on(self.prepared.part(seen), again or fit, offsets=offsets)]
-        if not seen.all():
+    def _whole(self, fit: Fit, again: Fit | None, judged: PartFit | None) -> PartFit:
+        """The refit, or the fit where there is none, on every window; what was held out has no say in the others.
+
+        judged: the fit on what judges.
+        """
+        number = self.parts.number
+        if again is not None:
+            where = [number != TEST]
+            parts = [self.fits.on(self.prepared.part(where[0]), again, offsets=again.offsets)]
+        else:
+            where, parts = [number == FIT], [PartFit.of(fit.at)]
+            if (number == SELECT).any():
+                where, parts = [*where, number == SELECT], [*parts, judged]
+        if (number == TEST).any():
             thorough = not lack_of_fit((again or fit).at).lacking
-            parts.append(self.fits.on(self.prepared.part(~seen), again or fit, thorough=thorough))
-        order = np.argsort(np.concatenate([np.flatnonzero(seen), np.flatnonzero(~seen)]))
+            where.append(number == TEST)
+            parts.append(self.fits.on(self.prepared.part(where[-1]), again or fit, thorough=thorough))
+        order = np.argsort(np.concatenate([np.flatnonzero(w) for w in where]))
         return PartFit.concatenate(parts).rows(order)
 
     def _from_best(self, last: Fit, again: Fit) -> Fit:
@@ -329,12 +430,12 @@ class _Protocol:
         search = self._attribution([Candidate(term) for term in terms], [e.name for e in last.effects])
         found = search.run(self._from_best(last, after.again))
         if search.out_of_time:
-            return None
+            raise OutOfTime
         chosen = found.effects[len(last.effects) :]
         if not chosen:
             return Expression()
         selected, test = search.models.judge(found), self.parts.windows(TEST)
-        again = self._again(found, selected) or found
+        again = self._refitted(found, selected) or found
         tested = None if test is None else self.fits.on(test, again)
         if tested and tested.normalized >= after.whole.rows(self.parts.number == TEST).normalized:
             return Expression()

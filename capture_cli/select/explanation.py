@@ -25,8 +25,8 @@ from capture_cli.simulate.simulator import Begun, Motion
 class JudgedModel:
     """A model with what judges it.
 
-    fit: to the fit part. again: to all that is not test. minima: others of the same, nearly as good. judged: the fit on
-    what it did not see; None where nothing judges. whole: the refit on every window.
+    fit: to the fit part. again: to all that is not test; the same where it is not refitted. minima: others of the same,
+    nearly as good. judged: the fit on what it did not see; None where nothing judges. whole: `again` on every window.
     """
 
     name: str
@@ -35,6 +35,10 @@ class JudgedModel:
     minima: list[Fit]
     judged: PartFit | None
     whole: PartFit
+
+    @property
+    def is_refitted(self) -> bool:
+        return self.again is not self.fit
 
     @cached_property
     def lacking(self) -> LackOfFit:
@@ -75,7 +79,7 @@ class Explanation:
     motion: of that, in every window. begun: where that begins. held_out: whether that model holds on the test part.
     shorter_step: what the model's time step is in that model's values; None where nothing.
     next_experiment: what would separate the first tie. rollouts: windows simulated in all. out_of_time: whether the
-    search ended because its time was over.
+    search ended because its time was over; left_out: what else was not done for want of time, in words.
     """
 
     parts: LogParts
@@ -91,6 +95,7 @@ class Explanation:
     expression: Expression | None = None
     rollouts: int = 0
     out_of_time: bool = False
+    left_out: tuple[str, ...] = ()
 
     @property
     def before(self) -> JudgedModel:
@@ -109,7 +114,7 @@ class Explanation:
     def stamps(self) -> TimeStampJitter | None:
         """What the last model leaves says of the log's time stamps."""
         number, last = self.parts.number, self.after
-        fitted = number == FIT if last.again is last.fit else number != TEST
+        fitted = number != TEST if last.is_refitted else number == FIT
         return time_stamp_jitter(self.parts.prepared, last.whole, last.again.at, fitted)
 
     @cached_property

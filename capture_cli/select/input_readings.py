@@ -31,18 +31,21 @@ def timings_with_effects(
     candidates: Sequence[Candidate],
     prepared_as: Callable[[Task], PreparedLog],
     threads: int | None,
+    on_work: Callable[[], None] = lambda: None,
 ) -> tuple[tuple[InputTiming, ...], Screening | None]:
     """How the inputs act of which the task does not say it, all alike: by the force balance where that is sure, and by
     simulations otherwise; with the screening of the candidates in that reading. None where the log gives no balance.
     They are held where the other reading leaves more than noise: what is missing may look like it.
 
-    prepared: with the task as it was given; prepared_as: makes the log ready for another.
+    prepared: with the task as it was given; prepared_as: makes the log ready for another. on_work is called before what
+    takes long, which it may end by raising.
     """
     tasks = [_read(prepared.task, linear) for linear in (False, True)]
     log = replace(prepared, task=tasks[0])
-    screening = screening_of(log, LogParts.of(log).folds.fit, candidates, threads, lambda *_: None)
+    screening = screening_of(log, LogParts.of(log).folds.fit, candidates, threads, lambda *_: on_work())
     if screening is None:
         return (), None
+    screening.on_work = on_work
     screenings = [screening, screening.read_as(tasks[1].linear)]
     models = held, evenly = _best(screenings)
     explained = evenly.beyond_noise < SETTINGS.else_missing

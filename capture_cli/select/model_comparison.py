@@ -132,6 +132,8 @@ class ModelComparison:
                 self._screening = known
             else:
                 self._screening = screening_of(prepared, self.folds.fit, self.candidates, threads, on_step)
+            if self._screening is not None:
+                self._screening.on_work = self.fits.engine.on_work
         return self._screening
 
     def know(self, fit: Fit) -> None:

@@ -6,7 +6,7 @@ MuJoCo's `mujoco.batch` does the stepping on its thread pool; results are bit-id
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -82,7 +82,10 @@ SENSORS = Keep()
 
 
 class Engine:
-    """Steps many simulations of `model` on `threads` threads (all cores where None); `rollouts`: how many so far."""
+    """Steps many simulations of `model` on `threads` threads (all cores where None); `rollouts`: how many so far.
+
+    on_work is called before each call of `rollout`, which it may end by raising.
+    """
 
     def __init__(self, model: mujoco.MjModel, threads: int | None = None):
         silence_mujoco()
@@ -90,6 +93,7 @@ class Engine:
         self.model = _without_idle_stages(model)
         self.threads = threads or 0
         self.rollouts = 0
+        self.on_work: Callable[[], None] = lambda: None
 
     def rollout(
         self,
@@ -109,6 +113,7 @@ class Engine:
 
         A simulation in which MuJoCo warns of divergence is held from there on and marked.
         """
+        self.on_work()
         count = len(starts)
         row = np.arange(count) if row is None else row
         columns = slice(None) if keep.columns is None else keep.columns

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -22,6 +21,7 @@ from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings, explain
 from capture_cli.select.input_readings import timings_with_effects
+from capture_cli.select.time_limit import TimeLimit
 from capture_cli.stages.documents.diagnosis_document import diagnosis_of
 from capture_cli.stages.log_to_fit import LogToFit, read_log
 from capture_cli.stages.recorded.diagnosed_estimate import DiagnosedEstimate
@@ -40,8 +40,8 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
     With `resume` a run that was killed goes on after the last step that it made, to the same result, and one that is
     complete is read. Raises CaptureError for whatever the user can mend.
     """
-    limit = np.inf if options.time_limit is None else options.time_limit
-    deadline = time.monotonic() + limit
+    seconds = np.inf if options.time_limit is None else options.time_limit
+    limit = TimeLimit(TimeLimit.now() + seconds)
     complete = is_complete(options.out, force=options.force, resume=options.resume)
     log = read_log("diagnose", options)
     begin = None
@@ -67,11 +67,11 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
             seed=options.seed,
             threads=options.threads,
             checkpoint=kept,
-            deadline=deadline,
+            limit=limit,
         )
         with Progress("diagnose", "model", quiet=options.quiet) as progress:
             progress.doing("making the log ready")
-            prepared = _prepared(to_fit, held_out)
+            prepared = _prepared(to_fit, held_out, limit)
             diagnosis = diagnose_prepared(prepared, nominal, settings, progress)
         diagnosis.write(folder)
         _write_pages(diagnosis, folder, provenance)
@@ -79,15 +79,21 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
     return diagnosis
 
 
-def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None) -> PreparedLog:
+def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit) -> PreparedLog:
     """The log made ready; where something is missing, how inputs act is told by the best effect with each reading."""
     prepared, task = to_fit.prepared(held_out), to_fit.task
     if prepared.input_timings or all(c.linear is not None for c in task.inputs):
         return prepared
-    unread = replace(prepared, task=task)
-    timings, screening = timings_with_effects(
-        unread, all_candidates(prepared), partial(to_fit.prepared, held_out), to_fit.options.threads
+    unread, candidates = replace(prepared, task=task), all_candidates(prepared)
+    again, threads = partial(to_fit.prepared, held_out), to_fit.options.threads
+    found = limit.made(
+        lambda: timings_with_effects(unread, candidates, again, threads, limit.check),
+        "how the inputs act between rows: they are taken to be held",
+        keeping=0.0,
     )
+    if found is None:
+        return prepared
+    timings, screening = found
     if any(t.linear for t in timings):
         prepared = to_fit.prepared(held_out, with_timings(task, timings))
     return replace(prepared, input_timings=timings, screening=screening)

@@ -108,7 +108,7 @@ class Addition:
 class Screening:
     """Of `placed` effects, in a balance of a smoothed log and the rows that are made of it.
 
-    hits: whether impacts were left out.
+    hits: whether impacts were left out. on_work is called before what takes long, which it may end by raising.
     """
 
     def __init__(
@@ -121,6 +121,7 @@ class Screening:
         on_step: Callable[[str, int, int], None] = lambda *_: None,
     ):
         self.settings, self.placed = settings, placed
+        self.on_work: Callable[[], None] = lambda: None
         self.space, self.hits = balance.smoothed.task.space, balance.smoothed.hits
         self._set(balance, whitening)
         self.atoms: list[Atom] = []
@@ -424,6 +425,7 @@ class Screening:
         own, (low, high) = self.settings, self._bounds(model)
         best, least, far = model, np.inf, own.far
         for _ in range(own.descents if any(e.effect.shapes for e in model.effects) else own.straight):
+            self.on_work()
             target, columns = self._system(model)
             target, columns = self._white(target)[:, 0], self._white(columns)
             squares = np.inf  # of an effect that runs away
@@ -460,6 +462,7 @@ class Screening:
                 k for k, a in enumerate(self.atoms) if len(a.scale) == size and a.placed.name not in names
             ]
             for some in np.array_split(numbers, -(-len(numbers) // self.settings.at_once)) if numbers else []:
+                self.on_work()
                 which = (first[some][:, None] + np.arange(size)).ravel()
                 known = np.concatenate([self.atoms[n].scale for n in some])
                 white = self._white([c[..., which] for c in self.columns]) * known

@@ -31,8 +31,7 @@ from capture_cli.stages.documents.result_document import (
 from capture_cli.store.diagnosis import FORMAT, VERSION, Diagnosis, DiagnosisRecord
 
 OUT_OF_TIME = (
-    "The time limit ended the search: this is the best that was found until then, and more may be missing. Run it "
-    "again with a longer --time-limit, or without."
+    "The time limit ended the search: this is the best that was found until then, and more may be missing."
 )
 PARTS = {"fit": FIT, "select": SELECT, "test": TEST}
 
@@ -99,7 +98,7 @@ def _document(
         "candidates": [_candidate(c) for c in _ranked(found)],
         "localisation": curves,
         "next_experiment": found.next_experiment,
-        "out_of_time": OUT_OF_TIME if found.out_of_time else None,
+        "out_of_time": _out_of_time(found),
         "expression": None if found.expression is None else _expression(prepared, found.expression),
     }
     return {**document, "summary": summary(DiagnosisRecord.of(document))}
@@ -119,11 +118,20 @@ def _arrays(found: Explanation, curves: list[ResidualCurve]) -> dict[str, np.nda
     }
 
 
+def _out_of_time(found: Explanation) -> str | None:
+    """What the time limit ended or left out, in words."""
+    left_out = f"For want of time this was left out: {'; '.join(found.left_out)}." if found.left_out else ""
+    said = [OUT_OF_TIME if found.out_of_time else "", left_out]
+    said = " ".join(s for s in said if s)
+    return f"{said} Run it again with a longer --time-limit, or without." if said else None
+
+
 def _stage(parts: LogParts, model: JudgedModel) -> dict[str, Any]:
     """Errors of one model. fit and test are of the refit; select is of fits that did not see what they judge."""
     prepared = parts.prepared
     return {
         "model": model.name,
+        "refitted": model.is_refitted,
         "fit": error_of(prepared, model.whole.rows(parts.number == FIT)),
         "select": None if model.judged is None else error_of(prepared, model.judged),
         "test": error_of(prepared, model.whole.rows(parts.number == TEST)),
