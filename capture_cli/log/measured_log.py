@@ -33,22 +33,16 @@ SCHEMA = Schema(
     format="capture/measured-log",
     version=1,
     arrays=(
+        ArraySpec("data/time", "step", "s", "time of each sample, on the recording's own clock"),
+        ArraySpec("data/inputs", "step input", "per input", "what drove the machine, as model ctrl"),
+        ArraySpec("data/outputs", "step output", "per output", "what the sensors measured"),
         ArraySpec(
-            "data/time", ("step",), "float64", "s", "time of each sample, on the recording's own clock"
+            "meta/episode_ends", "episode", "steps", "index one past each episode's last step", dtype="int64"
         ),
         ArraySpec(
-            "data/inputs", ("step", "input"), "float64", "per input", "what drove the machine, as model ctrl"
+            "meta/recording", "episode", "-", "which of `recordings` the episode comes from", dtype="int64"
         ),
-        ArraySpec("data/outputs", ("step", "output"), "float64", "per output", "what the sensors measured"),
-        ArraySpec(
-            "meta/episode_ends", ("episode",), "int64", "steps", "index one past each episode's last step"
-        ),
-        ArraySpec(
-            "meta/recording", ("episode",), "int64", "-", "which of `recordings` the episode comes from"
-        ),
-        ArraySpec(
-            "meta/actions", ("episode", "action"), "float64", "per action", "the action taken", optional=True
-        ),
+        ArraySpec("meta/actions", "episode action", "per action", "the action taken", optional=True),
     ),
     attributes={
         "task": "name of the task the log belongs to",

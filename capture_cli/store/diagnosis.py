@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from capture_cli.store.document_shape import BOUNDS, FLAG, NUMBER, OBJECT, POSITIVE, TEXT, WHOLE, or_none
 from capture_cli.store.result import Record, Result, Row, Rows
-from capture_cli.store.schema import STARTS, ArraySpec, Schema
+from capture_cli.store.schema import STARTS, STEPS, WINDOWS, ArraySpec, Schema
 
 FORMAT = "capture/diagnosis"
 VERSION = 1
@@ -17,47 +17,23 @@ SCHEMA = Schema(
     format="capture/diagnosis-arrays",
     version=1,
     arrays=(
-        ArraySpec("window/episode", ("window",), "int64", "-", "episode each window comes from"),
-        ArraySpec("window/first", ("window",), "int64", "steps", "first step of each window in the log"),
-        ArraySpec("window/part", ("window",), "int64", "-", "0 fit, 1 select, 2 test"),
+        *WINDOWS,
+        ArraySpec("window/part", "window", "-", "0 fit, 1 select, 2 test", dtype="int64"),
         *STARTS,
         ArraySpec(
             "window/start_hidden",
-            ("window", "hidden"),
-            "float64",
+            "window hidden",
             "1",
             "with which `states` of the effects of diagnosis.json, one after the other; effects.md says what they are",
             optional=True,
         ),
-        ArraySpec("step/window", ("step",), "int64", "-", "window each step belongs to"),
-        ArraySpec("step/time", ("step",), "float64", "s", "time of each step, on the log's clock"),
-        ArraySpec("step/measured", ("step", "output"), "float64", "per output", "measured; NaN: no sample"),
-        ArraySpec(
-            "step/before",
-            ("step", "output"),
-            "float64",
-            "per output",
-            "simulated by the declared model, refitted",
-        ),
-        ArraySpec(
-            "step/after", ("step", "output"), "float64", "per output", "simulated with the accepted effects"
-        ),
-        ArraySpec(
-            "bin/centre", ("curve", "bin"), "float64", "per curve", "covariate at the middle of each bin"
-        ),
-        ArraySpec(
-            "bin/before",
-            ("curve", "bin"),
-            "float64",
-            "per curve",
-            "mean residual acceleration, declared model",
-        ),
-        ArraySpec(
-            "bin/after", ("curve", "bin"), "float64", "per curve", "mean residual acceleration, with effects"
-        ),
-        ArraySpec(
-            "bin/error", ("curve", "bin"), "float64", "per curve", "standard error of `before` in each bin"
-        ),
+        *STEPS,
+        ArraySpec("step/before", "step output", "per output", "simulated by the declared model, refitted"),
+        ArraySpec("step/after", "step output", "per output", "simulated with the accepted effects"),
+        ArraySpec("bin/centre", "curve bin", "per curve", "covariate at the middle of each bin"),
+        ArraySpec("bin/before", "curve bin", "per curve", "mean residual acceleration, declared model"),
+        ArraySpec("bin/after", "curve bin", "per curve", "mean residual acceleration, with effects"),
+        ArraySpec("bin/error", "curve bin", "per curve", "standard error of `before` in each bin"),
     ),
     attributes={
         "outputs": "list of {name, unit}",

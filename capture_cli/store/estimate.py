@@ -7,66 +7,42 @@ from dataclasses import dataclass
 
 from capture_cli.store.document_shape import FLAG, NUMBER, OBJECT, TEXT, WHOLE, or_none
 from capture_cli.store.result import Record, Result, Row
-from capture_cli.store.schema import STARTS, ArraySpec, Schema
+from capture_cli.store.schema import STARTS, STEPS, WINDOWS, ArraySpec, Schema
 
 FORMAT = "capture/estimate"
 VERSION = 2
 _CURE = "make it again with `capture identify`"
 # the rounds in context, as an identifier reads them
 HISTORY = ("history/parameters", "history/actions", "history/simulated", "history/measured")
-_POINTS = ("entry", "point", "feature")
+_POINTS = "entry point feature"
 
 SCHEMA = Schema(
     format="capture/estimate-arrays",
     version=1,
     arrays=(
-        ArraySpec("window/episode", ("window",), "int64", "-", "episode each window comes from"),
-        ArraySpec("window/first", ("window",), "int64", "steps", "first step of each window in the log"),
-        ArraySpec("window/is_test", ("window",), "bool", "-", "True: held out; only its start is fitted"),
-        ArraySpec("window/start_offset", ("window", "state"), "float64", "SI", "refinement of the start"),
+        *WINDOWS,
+        ArraySpec("window/is_test", "window", "-", "True: held out; only its start is fitted", dtype="bool"),
+        ArraySpec("window/start_offset", "window state", "SI", "refinement of the start"),
         *STARTS,
-        ArraySpec("step/window", ("step",), "int64", "-", "window each step belongs to"),
-        ArraySpec("step/time", ("step",), "float64", "s", "time of each step, on the log's clock"),
-        ArraySpec("step/measured", ("step", "output"), "float64", "per output", "measured; NaN: no sample"),
-        ArraySpec("step/simulated", ("step", "output"), "float64", "per output", "simulated at the estimate"),
+        *STEPS,
+        ArraySpec("step/simulated", "step output", "per output", "simulated at the estimate"),
+        ArraySpec("step/nominal", "step output", "per output", "simulated at the nominal values"),
+        ArraySpec("parameter/estimate", "parameter", "per parameter", "the estimate"),
+        ArraySpec("parameter/covariance", "parameter parameter", "per parameter", "its covariance"),
         ArraySpec(
-            "step/nominal", ("step", "output"), "float64", "per output", "simulated at the nominal values"
-        ),
-        ArraySpec("parameter/estimate", ("parameter",), "float64", "per parameter", "the estimate"),
-        ArraySpec(
-            "parameter/covariance", ("parameter", "parameter"), "float64", "per parameter", "its covariance"
+            "parameter/recordings", "recording parameter", "per parameter", "from each alone", optional=True
         ),
         ArraySpec(
-            "parameter/recordings",
-            ("recording", "parameter"),
-            "float64",
-            "per parameter",
-            "from each alone",
-            optional=True,
+            "parameter/recordings_sd", "recording parameter", "per parameter", "their sd", optional=True
         ),
+        ArraySpec("round/parameters", "round parameter", "per parameter", "best so far"),
+        ArraySpec("round/error", "round", "1", "normalized fit error of the best so far"),
         ArraySpec(
-            "parameter/recordings_sd",
-            ("recording", "parameter"),
-            "float64",
-            "per parameter",
-            "their sd",
-            optional=True,
+            HISTORY[0], "entry parameter", "per parameter", "rounds in context: simulated with", optional=True
         ),
-        ArraySpec("round/parameters", ("round", "parameter"), "float64", "per parameter", "best so far"),
-        ArraySpec("round/error", ("round",), "float64", "1", "normalized fit error of the best so far"),
-        ArraySpec(
-            HISTORY[0],
-            ("entry", "parameter"),
-            "float64",
-            "per parameter",
-            "rounds in context: simulated with",
-            optional=True,
-        ),
-        ArraySpec(
-            HISTORY[1], ("entry", "action"), "float64", "per action", "under this action", optional=True
-        ),
-        ArraySpec(HISTORY[2], _POINTS, "float64", "per feature", "the trajectory simulated", optional=True),
-        ArraySpec(HISTORY[3], _POINTS, "float64", "per feature", "the one measured", optional=True),
+        ArraySpec(HISTORY[1], "entry action", "per action", "under this action", optional=True),
+        ArraySpec(HISTORY[2], _POINTS, "per feature", "the trajectory simulated", optional=True),
+        ArraySpec(HISTORY[3], _POINTS, "per feature", "the one measured", optional=True),
     ),
     attributes={
         "parameters": "parameter names",

@@ -78,43 +78,42 @@ def _in_the_plant(found: Mapping[str, Any]) -> Mapping[str, Any]:
 
 EARLIER = {1: _without_effects, 2: _named_by_its_tokens, 3: _in_the_plant}
 
-_AXES = ("identifier", "seed", "pair", "round")
+_AXES = "identifier seed pair round"
 
 SCHEMA = Schema(
     format="capture/evaluation-arrays",
     version=VERSION,
     arrays=(
-        ArraySpec(
-            "source", ("seed", "pair", "parameter"), "float64", "per parameter", "where each pair begins"
-        ),
-        ArraySpec("target", ("seed", "pair", "parameter"), "float64", "per parameter", "the truth"),
+        ArraySpec("source", "seed pair parameter", "per parameter", "where each pair begins"),
+        ArraySpec("target", "seed pair parameter", "per parameter", "the truth"),
         ArraySpec(
             "estimates",
-            (*_AXES, "parameter"),
-            "float64",
+            f"{_AXES} parameter",
             "per parameter",
             "after so many rounds; the first is the source",
         ),
-        ArraySpec(
-            "sd", (*_AXES, "parameter"), "float64", "per parameter", "its standard deviation; NaN: not known"
-        ),
+        ArraySpec("sd", f"{_AXES} parameter", "per parameter", "its standard deviation; NaN: not known"),
         ArraySpec(
             "trajectory_difference",
             _AXES,
-            "float64",
             "per feature",
             "sum over the points of the distance between simulated (under the estimate) and measured (without noise), "
             "under the action that the policy chooses for the estimate",
         ),
         ArraySpec(
-            "success", _AXES, "bool", "-", "whether that action succeeded under the truth", optional=True
+            "success",
+            _AXES,
+            "-",
+            "whether that action succeeded under the truth",
+            dtype="bool",
+            optional=True,
         ),
         ArraySpec(
             "simulated_rollouts",
             _AXES,
-            "int64",
             "1",
             "what the identifier has simulated, up to there, for the pair",
+            dtype="int64",
         ),
     ),
     attributes={

@@ -19,29 +19,38 @@ _WRITTEN_AS = {"f": "fiu", "i": "iu", "u": "iu", "b": "b"}  # kinds of numbers, 
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """One array of a store: where it is, its axes by name, and what its numbers mean."""
+    """One array of a store: where it is, the names of its axes (with spaces between), and what its numbers mean."""
 
     path: str
-    dims: tuple[str, ...]
-    dtype: str
+    axes: str
     unit: str
     meaning: str
+    dtype: str = "float64"
     optional: bool = False
 
+    @property
+    def dims(self) -> tuple[str, ...]:
+        return tuple(self.axes.split())
 
+
+# windows and their steps, in every result that has windows
+WINDOWS = (
+    ArraySpec("window/episode", "window", "-", "episode each window comes from", dtype="int64"),
+    ArraySpec("window/first", "window", "steps", "first step of each window in the log", dtype="int64"),
+)
+STEPS = (
+    ArraySpec("step/window", "step", "-", "window each step belongs to", dtype="int64"),
+    ArraySpec("step/time", "step", "s", "time of each step, on the log's clock"),
+    ArraySpec("step/measured", "step output", "per output", "measured; NaN: no sample"),
+)
 # where the simulation of each window begins; results of before these were written have none
 STARTS = (
     ArraySpec(
-        "window/start_time",
-        ("window",),
-        "float64",
-        "s",
-        "when its simulation begins, on the log's clock",
-        True,
+        "window/start_time", "window", "s", "when its simulation begins, on the log's clock", optional=True
     ),
-    ArraySpec("window/start_qpos", ("window", "qpos"), "float64", "SI", "in which positions", True),
-    ArraySpec("window/start_qvel", ("window", "qvel"), "float64", "SI", "with which velocities", True),
-    ArraySpec("window/start_act", ("window", "act"), "float64", "SI", "and activations of actuators", True),
+    ArraySpec("window/start_qpos", "window qpos", "SI", "in which positions", optional=True),
+    ArraySpec("window/start_qvel", "window qvel", "SI", "with which velocities", optional=True),
+    ArraySpec("window/start_act", "window act", "SI", "and activations of actuators", optional=True),
 )
 
 
