@@ -25,10 +25,7 @@ class ContactRestitution(ContactEffect):
 
     place = "model"
     summary = "collisions give back more or less than modelled"
-
-    @property
-    def parameters(self):
-        return (Parameter("damping", "1", -0.95, 9.0, 0.0),)
+    parameters = (Parameter("damping", "1", -0.95, 9.0, 0.0),)
 
     def write(self, fields, values):
         if self.pair >= 0:

@@ -35,10 +35,7 @@ class ControlDelay(ControlTimeEffect):
     summary = "a control arrives late"
     kernel = Delay
     remembers = "`delay`"
-
-    @property
-    def parameters(self):
-        return (Parameter("delay", "s", 0.0, 0.1, 0.0),)
+    parameters = (Parameter("delay", "s", 0.0, 0.1, 0.0),)
 
     def memory(self, values):
         return float(values.max())

@@ -16,7 +16,4 @@ class ControlGain(ActuatorEffect):
 
     summary = "a control arrives larger or smaller than commanded"
     kernel = staticmethod(amplified)
-
-    @property
-    def parameters(self):
-        return (Parameter("change", "1", -0.5, 0.5, 0.0),)
+    parameters = (Parameter("change", "1", -0.5, 0.5, 0.0),)

@@ -21,10 +21,7 @@ class ControlLag(ControlTimeEffect):
     summary = "a control arrives through a first-order lag"
     kernel = Lag
     remembers = f"{SETTINGS.forgotten:g} `time_constant`"
-
-    @property
-    def parameters(self):
-        return (Parameter("time_constant", "s", 0.0, 0.2, 0.0),)
+    parameters = (Parameter("time_constant", "s", 0.0, 0.2, 0.0),)
 
     def memory(self, values):
         return SETTINGS.forgotten * float(values.max())

@@ -20,12 +20,9 @@ class ControlReverseGain(ActuatorEffect):
     summary = "a control arrives larger or smaller in reverse"
     where = "every actuator that has a reverse"
     kernel = staticmethod(reversed_gain)
+    parameters = (Parameter("change", "1", -0.8, 0.8, 0.0),)
 
     @classmethod
     def sites(cls, model):
         ids = ((name, site_id(model, "actuator", name)) for name in super().sites(model))
         return [n for n, a in ids if not model.actuator_ctrllimited[a] or model.actuator_ctrlrange[a, 0] < 0]
-
-    @property
-    def parameters(self):
-        return (Parameter("change", "1", -0.8, 0.8, 0.0),)

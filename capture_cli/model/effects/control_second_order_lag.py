@@ -60,13 +60,10 @@ class ControlSecondOrderLag(ControlTimeEffect):
         f"{SETTINGS.forgotten:g} time constants of its slower pole, which is `time_constant` / `damping_ratio` where "
         f"the latter is 1 or less; {WINDOWS.lead:g} s at most"
     )
-
-    @property
-    def parameters(self):
-        return (
-            Parameter("time_constant", "s", 0.0, 0.15, 0.0),
-            Parameter("damping_ratio", "1", 0.3, 1.5, 1.0),
-        )
+    parameters = (
+        Parameter("time_constant", "s", 0.0, 0.15, 0.0),
+        Parameter("damping_ratio", "1", 0.3, 1.5, 1.0),
+    )
 
     def memory(self, values):
         time_constant, damping_ratio = values.T

@@ -21,10 +21,7 @@ class FrictionFade(JointEffect):
     place = "force"
     summary = "friction and damping that fall, or grow, the longer the machine runs"
     shapes = ("time_constant",)
-
-    @property
-    def parameters(self):
-        return (Parameter("change", "1", -0.9, 2.0, 0.0), TIME_CONSTANT)
+    parameters = (Parameter("change", "1", -0.9, 2.0, 0.0), TIME_CONSTANT)
 
     def force(self, values, timestep, *, began=0.0, **_):
         change, time_constant = values.T

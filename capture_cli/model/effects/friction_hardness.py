@@ -17,12 +17,9 @@ class FrictionHardness(JointEffect):
 
     place = "model"
     summary = "dry friction holds and stops harder than modelled"
+    # most decades: then the impedance is near the 0.9999 that MuJoCo allows
+    parameters = (Parameter("hardness", "1", 0.0, 3.0, 0.0),)
     shows_at_rest = True
-
-    @property
-    def parameters(self):
-        most = 3.0  # decades: then the impedance is near the 0.9999 that MuJoCo allows
-        return (Parameter("hardness", "1", 0.0, most, 0.0),)
 
     def write(self, fields, values):
         ratio = 10 ** values[:, 0]

@@ -20,16 +20,13 @@ class GeomScale(ObjectEffect):
     place, kind = "model", "geom"
     summary = "a geom that touches is larger or smaller than modelled"
     where = "every sphere, capsule, ellipsoid, cylinder and box that can touch something"
+    parameters = (Parameter("change", "1", -0.2, 0.2, 0.0),)
 
     @classmethod
     def suited(cls, model):
         named = np.concatenate([model.pair_geom1, model.pair_geom2])
         touching = np.union1d(touching_pairs(model), named).astype(int)
         return [g for g in touching if model.geom_type[g] in SIZED]
-
-    @property
-    def parameters(self):
-        return (Parameter("change", "1", -0.2, 0.2, 0.0),)
 
     def write(self, fields, values):
         fields["geom_size"][:, self.number] *= 1 + values

@@ -12,14 +12,11 @@ class GravityMagnitude(Effect):
     place = "model"
     summary = "gravity is stronger or weaker than modelled"
     where = "the model as a whole, where it has gravity"
+    parameters = (Parameter("change", "1", -0.3, 0.3, 0.0),)
 
     @classmethod
     def sites(cls, model):
         return [GLOBAL] if model.opt.gravity.any() and model.nv else []
-
-    @property
-    def parameters(self):
-        return (Parameter("change", "1", -0.3, 0.3, 0.0),)
 
     def write(self, fields, values):
         gravity = fields["opt.gravity"]

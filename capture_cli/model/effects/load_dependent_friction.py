@@ -30,11 +30,8 @@ class LoadDependentFriction(JointForce):
     shapes = shares = ("load",)
     kernel = staticmethod(load_friction)
     adds_to = FRICTION
+    parameters = (Parameter("coefficient", "1", 0.0, 1.0, 0.0), Parameter("load", "1", 0.0, 1.0, 1.0))
 
     @classmethod
     def sites(cls, model):
         return [object_name(model, "joint", j) for j in driven_joints(model, by_tendons=True)]
-
-    @property
-    def parameters(self):
-        return (Parameter("coefficient", "1", 0.0, 1.0, 0.0), Parameter("load", "1", 0.0, 1.0, 1.0))

@@ -33,6 +33,7 @@ class SensorDelay(TimeEffect):
     states_mean = CONTROL_BEFORE
     reports_late = True
     kernel = staticmethod(late)
+    parameters = (Parameter("delay", "s", 0.0, REPORTED_MOTION.most_late, 0.0),)
 
     @property
     def states(self):
@@ -41,10 +42,6 @@ class SensorDelay(TimeEffect):
     def before(self, states):
         names = single_control_actuators(self.model)
         return controls_before(self.model, [site_id(self.model, "actuator", n) for n in names], states)
-
-    @property
-    def parameters(self):
-        return (Parameter("delay", "s", 0.0, REPORTED_MOTION.most_late, 0.0),)
 
     def lateness(self, values, elapsed=0.0):
         late = np.zeros((len(values), self.model.nsensordata))

@@ -39,17 +39,13 @@ class SensorHighPass(SensorEffect):
     summary = "a sensor does not hold a steady value: a charge amplifier, an IEPE accelerometer, AC coupling"
     where = "every sensor of forces, torques or accelerations"
     kernel = staticmethod(high_passed)
+    parameters = (Parameter("rate", "1/s", 0.0, 2 * np.pi * 2.0, 0.0),)  # the filter's corner: 2 Hz at most
     _reported: np.ndarray | None = None  # (step, number): over time, since the stretch of the log began
 
     @classmethod
     def sites(cls, model):
         found = ((s, quantity(model, s)) for s in range(model.nsensor))
         return [object_name(model, "sensor", s) for s, q in found if q and q.unit in UNITS]
-
-    @property
-    def parameters(self):
-        fastest = 2.0  # Hz, of the corner of the filter
-        return (Parameter("rate", "1/s", 0.0, 2 * np.pi * fastest, 0.0),)
 
     states_mean = (
         "`held K`: the mean m of its number K when the episode began, in the sensor's unit. At 1 a common size of that "

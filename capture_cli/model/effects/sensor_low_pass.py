@@ -34,10 +34,7 @@ class SensorLowPass(TimeEffect):
 
     summary = "a sensor reports through a first-order low-pass filter"
     kernel = staticmethod(low_passed)
-
-    @property
-    def parameters(self):
-        return (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
+    parameters = (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
 
     states_mean = (
         "`ahead K`: what is reported of its number K, in the sensor's unit, over what it would be had motion before "

@@ -43,6 +43,9 @@ class SensorMountRotation(SensorEffect):
 
     summary = "a sensor of orientation, or an IMU of several sensors, is misaligned with its body"
     where = "every sensor of an orientation, and the sensors of a site that turn with it together"
+    parameters = tuple(
+        Parameter(name, "rad", -ROTATION.largest_turn, ROTATION.largest_turn, 0.0) for name in "xyz"
+    )
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
@@ -56,12 +59,6 @@ class SensorMountRotation(SensorEffect):
     @property
     def columns(self):
         return np.r_[*(columns_of(self.model, s) for s in self.sensors)].tolist()
-
-    @property
-    def parameters(self):
-        return tuple(
-            Parameter(name, "rad", -ROTATION.largest_turn, ROTATION.largest_turn, 0.0) for name in "xyz"
-        )
 
     def measured(self, sensors, values, timestep, **_):
         sensors = sensors.copy()

@@ -16,10 +16,7 @@ class SensorScale(NumberEffect):
 
     summary = "a sensor reports too much or too little in proportion"
     kernel = staticmethod(rescaled)
-
-    @property
-    def parameters(self):
-        return (Parameter("change", "1", -0.2, 0.2, 0.0),)
+    parameters = (Parameter("change", "1", -0.2, 0.2, 0.0),)
 
     def undone(self, derivatives, values):
         return derivatives / (1 + values[:, None])
