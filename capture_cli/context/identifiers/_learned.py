@@ -141,17 +141,12 @@ class LearnedIdentifier(RoundIdentifier):
         self.model = model
         self.rough = rough
         self.history = Rounds.none(len(self.start), signature)
-        self._best = self.start
         self.prediction: Prediction | None = None
 
     @staticmethod
     @abstractmethod
     def examples(rounds: Rounds) -> tuple[Rounds, np.ndarray]:
         """What it learns from histories: rounds to read, and the answer after each (pair, round, parameter)."""
-
-    @property
-    def best(self) -> np.ndarray:
-        return self._best
 
     @property
     def sd(self) -> np.ndarray | None:
@@ -161,9 +156,6 @@ class LearnedIdentifier(RoundIdentifier):
         """Know the rounds that were made before, and go on from the start."""
         self.history = earlier
         self.round = earlier.rounds
-
-    def ask(self) -> np.ndarray:
-        return self._best[:, None]
 
     def tell(self, actions, simulated, measured) -> None:
         self.round += 1

@@ -197,17 +197,19 @@ class RoundIdentifier(AskTell):
         self.signature = signature
         self.space = signature.space
         self.start = np.clip(np.asarray(start, dtype=float), self.space.low, self.space.high)
+        self._best = self.start
         self.simulate = simulate
         self.seed = seed
         self.round = 0
         self.simulated_rollouts = np.zeros(len(self.start), dtype=np.int64)
 
-    @abstractmethod
     def ask(self) -> np.ndarray:
         """Parameters of the next round (pair, candidate, parameter), within bounds; a second call gives the same.
 
-        Candidate 0 is the round's own parameters, for which the action is chosen; others share its action.
+        Candidate 0 is the round's own parameters, for which the action is chosen; others share its action. The
+        estimate alone where a method has no others.
         """
+        return self._best[:, None]
 
     @abstractmethod
     def tell(self, actions: np.ndarray, simulated: np.ndarray, measured: np.ndarray) -> None:
@@ -217,9 +219,9 @@ class RoundIdentifier(AskTell):
         """
 
     @property
-    @abstractmethod
     def best(self) -> np.ndarray:
         """The estimate after the rounds so far (pair, parameter); the start before the first."""
+        return self._best
 
     @property
     def sd(self) -> np.ndarray | None:

@@ -51,15 +51,10 @@ class Compass(RoundIdentifier):
     def __init__(self, signature, start, *, fit_steps: int = SETTINGS.fit_steps, **options):
         super().__init__(signature, start, **options)
         self.settings = replace(SETTINGS, fit_steps=fit_steps)
-        self._best = self.start
         self._generator = np.random.default_rng(self.seed)
         self._candidates = self._spread_out()
         self._inputs: list[np.ndarray] = []
         self._differences: list[np.ndarray] = []
-
-    @property
-    def best(self) -> np.ndarray:
-        return self._best
 
     def ask(self) -> np.ndarray:
         return self.space.from_unit(self._candidates)

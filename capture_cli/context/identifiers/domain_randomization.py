@@ -15,15 +15,7 @@ class DomainRandomization(RoundIdentifier):
     def __init__(self, signature, start, **options):
         super().__init__(signature, start, **options)
         self._generator = np.random.default_rng(self.seed)
-        self._now = self.start
-
-    @property
-    def best(self) -> np.ndarray:
-        return self._now
-
-    def ask(self) -> np.ndarray:
-        return self._now[:, None]
 
     def tell(self, actions, simulated, measured) -> None:
         self.round += 1
-        self._now = self.space.from_unit(self._generator.random(self.start.shape))
+        self._best = self.space.from_unit(self._generator.random(self.start.shape))

@@ -32,17 +32,9 @@ class Refitted(RoundIdentifier):
         if self.simulate is None:
             raise ValueError(f"{type(self).__name__} runs simulations of its own: give it `simulate`")
         self.noise_sd = SETTINGS.weight_sd * np.array([f.scale for f in signature.features])
-        self._best = self.start.copy()
         self._actions: list[np.ndarray] = []
         self._measured: list[np.ndarray] = []
         self._fits: list[Identifier | None] = [None] * len(self.start)
-
-    @property
-    def best(self) -> np.ndarray:
-        return self._best.copy()
-
-    def ask(self) -> np.ndarray:
-        return self._best[:, None].copy()
 
     def tell(self, actions, simulated, measured) -> None:
         self.round += 1
@@ -56,6 +48,7 @@ class Refitted(RoundIdentifier):
             for pair, answer in zip(going, answers, strict=True):
                 fits[pair].tell(*answer)
                 fits[pair].rounds_left -= 1
+        self._best = self._best.copy()
         for pair, fit in enumerate(fits):
             if np.isfinite(fit.best.error):
                 self._best[pair] = fit.best.parameters
