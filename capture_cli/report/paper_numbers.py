@@ -17,6 +17,7 @@ SOURCE = {  # of what stands beside machines in the plant, and in a world
 }
 SUCCESS_SOURCE = f"{_PAPER}, Table III: mean of three real objects, ten runs each"
 ROUNDS = (5, 10, 15, 20, 30)
+REAL_ROUNDS = (1, 3, 5, 7, 9)
 
 # (identifier, search of its histories) -> (mean, sd) of the trajectory difference at ROUNDS, m
 _AIR_HOCKEY = {
@@ -33,55 +34,19 @@ _AIR_HOCKEY = {
     ("capture", "binary"): ((0.20, 0.01), (0.17, 0.01), (0.16, 0.02), (0.17, 0.01), (0.18, 0.01)),
     ("capture", "randomized-binary"): ((0.20, 0.01), (0.16, 0.01), (0.14, 0.01), (0.14, 0.01), (0.15, 0.01)),
 }
-# Table IV: identifier -> round -> (mean, sd) on the real table, m
+# Table IV: identifier -> (mean, sd) on the real table at REAL_ROUNDS, m
 _REAL_AIR_HOCKEY = {
-    "expert-distillation": {
-        1: (0.40, 0.19),
-        3: (0.34, 0.14),
-        5: (0.51, 0.44),
-        7: (0.34, 0.15),
-        9: (0.34, 0.14),
-    },
-    "domain-randomization": {
-        1: (0.41, 0.27),
-        3: (0.40, 0.1),
-        5: (0.37, 0.33),
-        7: (0.42, 0.42),
-        9: (0.43, 0.40),
-    },
-    "tunenet": {1: (0.47, 0.22), 3: (0.40, 0.11), 5: (0.32, 0.21), 7: (0.38, 0.16), 9: (0.34, 0.15)},
-    "capture": {1: (0.47, 0.18), 3: (0.35, 0.14), 5: (0.35, 0.12), 7: (0.29, 0.10), 9: (0.27, 0.10)},
+    "expert-distillation": ((0.40, 0.19), (0.34, 0.14), (0.51, 0.44), (0.34, 0.15), (0.34, 0.14)),
+    "domain-randomization": ((0.41, 0.27), (0.40, 0.10), (0.37, 0.33), (0.42, 0.42), (0.43, 0.40)),
+    "tunenet": ((0.47, 0.22), (0.40, 0.11), (0.32, 0.21), (0.38, 0.16), (0.34, 0.15)),
+    "capture": ((0.47, 0.18), (0.35, 0.14), (0.35, 0.12), (0.29, 0.10), (0.27, 0.10)),
 }
-# Table III: identifier -> round -> success with eggplant, celery and carrot
+# Table III: identifier -> success at REAL_ROUNDS with eggplant, celery and carrot
 _REAL_SCOOPING = {
-    "expert-distillation": {
-        1: (0.8, 0.0, 0.0),
-        3: (0.5, 0.1, 0.8),
-        5: (0.3, 0.3, 0.5),
-        7: (0.2, 0.1, 0.5),
-        9: (0.1, 0.2, 0.6),
-    },
-    "domain-randomization": {
-        1: (0.9, 0.0, 0.0),
-        3: (0.9, 0.2, 0.1),
-        5: (1.0, 0.0, 0.0),
-        7: (0.9, 0.1, 0.1),
-        9: (0.9, 0.0, 0.0),
-    },
-    "tunenet": {
-        1: (0.9, 0.0, 0.0),
-        3: (0.9, 0.1, 0.9),
-        5: (0.7, 0.3, 0.8),
-        7: (0.6, 0.1, 0.5),
-        9: (0.4, 0.1, 0.4),
-    },
-    "capture": {
-        1: (0.3, 0.0, 0.3),
-        3: (0.6, 0.4, 0.7),
-        5: (0.9, 0.6, 0.9),
-        7: (0.9, 0.7, 0.9),
-        9: (0.9, 0.7, 0.9),
-    },
+    "expert-distillation": ((0.8, 0.5, 0.3, 0.2, 0.1), (0.0, 0.1, 0.3, 0.1, 0.2), (0.0, 0.8, 0.5, 0.5, 0.6)),
+    "domain-randomization": ((0.9, 0.9, 1.0, 0.9, 0.9), (0.0, 0.2, 0.0, 0.1, 0.0), (0.0, 0.1, 0.0, 0.1, 0.0)),
+    "tunenet": ((0.9, 0.9, 0.7, 0.6, 0.4), (0.0, 0.1, 0.3, 0.1, 0.1), (0.0, 0.9, 0.8, 0.5, 0.4)),
+    "capture": ((0.3, 0.6, 0.9, 0.9, 0.9), (0.0, 0.4, 0.6, 0.7, 0.7), (0.3, 0.7, 0.9, 0.9, 0.9)),
 }
 # in words, by task
 SAID = {
@@ -99,7 +64,8 @@ def trajectory_difference(
     if task != "air-hockey" or noise != "none" or not _as_in_paper(about):
         return None
     if world != "plant":
-        return _REAL_AIR_HOCKEY.get(about["identifier"])
+        found = _REAL_AIR_HOCKEY.get(about["identifier"])
+        return found and dict(zip(REAL_ROUNDS, found, strict=True))
     for key in ((about["identifier"], about.get("search")), (about["identifier"], None)):
         if key in _AIR_HOCKEY:
             return dict(zip(ROUNDS, _AIR_HOCKEY[key], strict=True))
@@ -111,7 +77,10 @@ def success(task: str, noise: str, about: Mapping[str, Any], world: str) -> dict
     if (task, noise) != ("scooping", "none") or world == "plant" or not _as_in_paper(about):
         return None
     found = _REAL_SCOOPING.get(about["identifier"])
-    return found and {number: sum(values) / len(values) for number, values in found.items()}
+    if found is None:
+        return None
+    means = (sum(values) / len(values) for values in zip(*found, strict=True))
+    return dict(zip(REAL_ROUNDS, means, strict=True))
 
 
 def _as_in_paper(about: Mapping[str, Any]) -> bool:
