@@ -270,15 +270,7 @@ class MeasuredLog:
 
     def write(self, path: Path) -> None:
         """Write to `path` (a folder made by `new_directory`)."""
-        arrays = {
-            "data/time": self.time,
-            "data/inputs": self.inputs,
-            "data/outputs": self.outputs,
-            "meta/episode_ends": self.episode_ends,
-            "meta/recording": self.recording,
-        }
-        if self.actions is not None:
-            arrays["meta/actions"] = self.actions
+        arrays = {spec.path: getattr(self, _field(spec.path)) for spec in SCHEMA.arrays}
         attributes = {
             "task": self.task,
             "inputs": _named(self.input_names, self.input_units),
@@ -288,7 +280,7 @@ class MeasuredLog:
             ],
             "recordings": list(self.recordings),
         }
-        SCHEMA.write(path, arrays, attributes)
+        SCHEMA.write(path, {name: a for name, a in arrays.items() if a is not None}, attributes)
 
     @classmethod
     def read(cls, path: Path, most: int | None = None) -> MeasuredLog:
@@ -312,20 +304,20 @@ class MeasuredLog:
             )
         return cls(
             task=attributes["task"],
-            time=arrays["data/time"],
-            inputs=arrays["data/inputs"],
-            outputs=arrays["data/outputs"],
-            episode_ends=arrays["meta/episode_ends"],
-            recording=arrays["meta/recording"],
+            **{_field(name): array for name, array in arrays.items()},
             input_names=input_names,
             input_units=input_units,
             output_names=output_names,
             output_units=output_units,
             recordings=tuple(recordings),
-            actions=arrays.get("meta/actions"),
             path=Path(path),
             sparse=frozenset(e["name"] for e in attributes["outputs"] if e.get("sparse") is True),
         )
+
+
+def _field(path: str) -> str:
+    """The field of a log that holds the array of this path in its store."""
+    return path.split("/")[1]
 
 
 def _channel_list(path: Path, attributes: Mapping[str, Any], key: str, size: int):
