@@ -15,8 +15,7 @@ from capture_cli.model.targets import (
     BodyMass,
     FieldTarget,
     GeomSize,
-    MotorConstant,
-    MotorResistance,
+    MotorNumber,
     Restitution,
     ServoGain,
     Target,
@@ -83,6 +82,10 @@ def _bias(column: int) -> Making:
     return _own(lambda number: ActuatorBias(number, column), _check_bias)
 
 
+def _motor(number: int) -> Making:
+    return _own(lambda actuator: MotorNumber(actuator, number), _check_motor)
+
+
 def _servo(attribute: str) -> Making:
     return lambda model, number, where: _servo_gain(model, number, where, attribute)
 
@@ -108,7 +111,7 @@ def _size(column: int | None = None) -> Making:
                 f"{where}: this geom has {sizes} settable sizes, and {attribute!r} is not one of them",
                 cure="sizes can be set for spheres (x), capsules and cylinders (x, y), ellipsoids and boxes (x, y, z)",
             )
-        return GeomSize(number, (slice(None),) if column is None else (column,))
+        return GeomSize(number) if column is None else FieldTarget("geom_size", (number, column))
 
     return make
 
@@ -262,13 +265,9 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
             "s", "of a filter, dynprm[0]", _field("actuator_dynprm", 0, check=_check_filter), least=0.0
         ),
         "motor_constant": Attribute(
-            "N m/A",
-            "k of a motor driven by volts: gain k/R, back-EMF -k^2/R",
-            _own(MotorConstant, _check_motor),
+            "N m/A", "k of a motor driven by volts: gain k/R, back-EMF -k^2/R", _motor(0)
         ),
-        "resistance": Attribute(
-            "ohm", "R of a motor driven by volts", _own(MotorResistance, _check_motor), least=0.0
-        ),
+        "resistance": Attribute("ohm", "R of a motor driven by volts", _motor(1), least=0.0),
     },
     "option": {
         "gravity_x": Attribute("m/s^2", "gravity", _option("gravity", 0)),

@@ -91,24 +91,17 @@ class BodyInertia(Target):
 
 @dataclass(frozen=True)
 class GeomSize(Target):
-    """One or all of a primitive geom's sizes, m; its body's mass does not follow."""
+    """The first of a primitive geom's sizes, m, others in proportion; its body's mass does not follow."""
 
+    scales = True
     geom: int
-    index: tuple
-
-    @property
-    def scales(self):
-        return self.index == (slice(None),)
 
     def read(self, model):
-        return float(model.geom_size[self.geom][self.index].flat[0])
+        return float(model.geom_size[self.geom, 0])
 
     def write(self, fields, values):
         size = fields["geom_size"]
-        if self.index == (slice(None),):
-            size[:, self.geom] *= (values / size[:, self.geom, 0])[:, None]  # same shape
-        else:
-            size[:, self.geom, self.index[0]] = values
+        size[:, self.geom] *= (values / size[:, self.geom, 0])[:, None]
 
 
 @dataclass(frozen=True)
@@ -185,42 +178,29 @@ class ServoGain(Target):
 
 
 @dataclass(frozen=True)
-class MotorConstant(Target):
-    """Torque constant k of a voltage-driven motor, N m/A: gain k/R and back-EMF bias -k^2/R; R is kept."""
+class MotorNumber(Target):
+    """Of a voltage-driven motor, of gain k/R and back-EMF bias -k^2/R: its torque constant k, N m/A (`number` 0), or
+    its winding resistance R, ohm (1); the other is kept.
+    """
 
     actuator: int
+    number: int
 
     def read(self, model):
-        return _motor(model.actuator_gainprm[None], model.actuator_biasprm[None], self.actuator)[0].item()
+        return self._both(model.actuator_gainprm[None], model.actuator_biasprm[None])[self.number].item()
 
     def write(self, fields, values):
-        _, resistance = _motor(fields["actuator_gainprm"], fields["actuator_biasprm"], self.actuator)
-        _set_motor(fields, self.actuator, values, resistance)
+        gain, bias = fields["actuator_gainprm"], fields["actuator_biasprm"]
+        both = self._both(gain, bias)
+        both[self.number] = values
+        constant, resistance = both
+        gain[:, self.actuator, 0] = constant / resistance
+        bias[:, self.actuator, 2] = -(constant**2) / resistance
 
-
-@dataclass(frozen=True)
-class MotorResistance(Target):
-    """Winding resistance R of a voltage-driven motor, ohm: gain k/R and back-EMF bias -k^2/R; k is kept."""
-
-    actuator: int
-
-    def read(self, model):
-        return _motor(model.actuator_gainprm[None], model.actuator_biasprm[None], self.actuator)[1].item()
-
-    def write(self, fields, values):
-        constant, _ = _motor(fields["actuator_gainprm"], fields["actuator_biasprm"], self.actuator)
-        _set_motor(fields, self.actuator, constant, values)
-
-
-def _motor(gain: np.ndarray, bias: np.ndarray, actuator: int) -> tuple[np.ndarray, np.ndarray]:
-    """(k, R), (simulation,) each, of gain g = k/R and velocity bias b = -k^2/R: k = -b/g, R = -b/g^2."""
-    g, b = gain[:, actuator, 0], bias[:, actuator, 2]
-    return -b / g, -b / g**2
-
-
-def _set_motor(fields: ModelFields, actuator: int, constant: np.ndarray, resistance: np.ndarray) -> None:
-    fields["actuator_gainprm"][:, actuator, 0] = constant / resistance
-    fields["actuator_biasprm"][:, actuator, 2] = -(constant**2) / resistance
+    def _both(self, gain: np.ndarray, bias: np.ndarray) -> list[np.ndarray]:
+        """k and R, (simulation,) each, of gain g = k/R and velocity bias b = -k^2/R: k = -b/g, R = -b/g^2."""
+        g, b = gain[:, self.actuator, 0], bias[:, self.actuator, 2]
+        return [-b / g, -b / g**2]
 
 
 def restitution(ratio: np.ndarray) -> np.ndarray:
