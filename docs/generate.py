@@ -19,7 +19,8 @@ from typing import NamedTuple, get_args, get_origin, get_type_hints
 
 from typer.models import ArgumentInfo, OptionInfo
 
-from docs import measured_identifiers
+from capture_cli.store.schema import Schema
+from docs import effects_page, measured_identifiers
 
 ROOT = Path(__file__).resolve().parents[1]
 NOT_KEPT = (
@@ -150,20 +151,30 @@ def _default(default: object) -> str:
 def schemas() -> str:
     """Every store's arrays and attributes, and every key of the JSON documents."""
     from capture_cli import log, store
-    from capture_cli.store.schema import Schema
 
     lines = [_SCHEMAS.strip(), ""]
     found = [(m.name, package) for package in (log, store) for m in pkgutil.iter_modules(package.__path__)]
     for name, package in sorted(found, key=lambda f: f[0]):
         module = importlib.import_module(f"{package.__name__}.{name}")
         for schema in (v for v in vars(module).values() if isinstance(v, Schema)):
-            lines += [schema.markdown(), "", f"Of another version: {schema.cure_for_other_version}.", ""]
+            lines += [*_schema(schema), "", f"Of another version: {schema.cure_for_other_version}.", ""]
     lines += ["## JSON documents", "", _JSON.strip(), ""]
     for name, (text, keys) in {**DOCUMENTS, **PARTS_OF_DOCUMENTS}.items():
         lines += [f"### {name}", "", text, "", "| key | meaning |", "|---|---|"]
         lines += [f"| {_alternatives(key)} | {_meaning(meaning)} |" for key, meaning in keys.items()]
         lines.append("")
     return "\n".join([*lines, *_limits()])
+
+
+def _schema(schema: Schema) -> list[str]:
+    lines = [f"### {schema.format}, version {schema.version}", ""]
+    lines += ["| array | axes | type, unit | meaning |", "|---|---|---|---|"]
+    for a in schema.arrays:
+        optional = " (optional)" if a.optional else ""
+        unit = "" if a.unit == "-" or a.unit.startswith("per ") else f", {a.unit}"
+        lines.append(f"| `{a.path}`{optional} | {', '.join(a.dims)} | {a.dtype}{unit} | {a.meaning} |")
+    lines += ["", "| attribute | meaning |", "|---|---|"]
+    return [*lines, *(f"| `{name}` | {meaning} |" for name, meaning in schema.attributes.items())]
 
 
 def _limits() -> list[str]:
@@ -824,16 +835,10 @@ have the same length along it. A version that the program does not read is refus
 """
 
 
-def _effects() -> str:
-    from capture_cli.model.effects import markdown
-
-    return markdown()
-
-
 PAGES: dict[str, Callable[[], str]] = {
     "docs/commands.md": commands,
     "docs/schemas.md": schemas,
-    "docs/effects.md": _effects,
+    "docs/effects.md": effects_page.effects,
 }
 PARTS: dict[str, dict[str, Callable[[], str]]] = {
     "docs/task-file.md": {"targets": targets},

@@ -25,7 +25,7 @@ from toy_rounds import histories, write
 from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier
 from capture_cli.context.checkpoints.policy_checkpoint import read_policy
 from capture_cli.errors import CaptureError, Interrupted, LogError, OutputError, StoreError
-from capture_cli.log.measured_log import SCHEMA, MeasuredLog
+from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.stages.identification.chosen_identifier import SHIPPED
 from capture_cli.stages.import_log import import_log
 from capture_cli.store import output
@@ -619,18 +619,6 @@ def test_a_killed_import_leaves_nothing_and_then_succeeds(tmp_path, slider_task,
     import_log(files=[tmp_path / "run.csv"], task=str(slider_task), out=out, force=True)
     assert names(out.parent) == ["run.zarr"]
     assert len(MeasuredLog.read(out).time) == 10
-
-
-# --- the documentation ---
-
-
-def test_the_schema_prints_every_array_and_attribute():
-    text = SCHEMA.markdown()
-    for spec in SCHEMA.arrays:
-        assert f"`{spec.path}`" in text
-        assert spec.meaning in text
-    for name in SCHEMA.attributes:
-        assert f"`{name}`" in text
 
 
 def test_a_result_that_is_not_there_is_said_to_be_missing(tmp_path):

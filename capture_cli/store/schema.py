@@ -1,4 +1,4 @@
-"""A schema is a table of arrays; it writes a store, reads and checks one, and prints itself for the docs."""
+"""A schema is a table of arrays; it writes a store, reads and checks one, and stands in the docs."""
 
 from __future__ import annotations
 
@@ -189,15 +189,3 @@ class Schema:
                         f"{path}: axis {axis!r} has {first} entries in {where} and {size} in {spec.path}",
                         cure=MAKE_AGAIN,
                     )
-
-    def markdown(self) -> str:
-        """The schema as the tables of docs/schemas.md."""
-        lines = [f"### {self.format}, version {self.version}", "", "| array | axes | type, unit | meaning |"]
-        lines.append("|---|---|---|---|")
-        for a in self.arrays:
-            optional = " (optional)" if a.optional else ""
-            unit = "" if a.unit == "-" or a.unit.startswith("per ") else f", {a.unit}"
-            lines.append(f"| `{a.path}`{optional} | {', '.join(a.dims)} | {a.dtype}{unit} | {a.meaning} |")
-        lines += ["", "| attribute | meaning |", "|---|---|"]
-        lines += [f"| `{name}` | {meaning} |" for name, meaning in self.attributes.items()]
-        return "\n".join(lines)
