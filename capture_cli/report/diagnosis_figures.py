@@ -18,6 +18,7 @@ from capture_cli.report.diagnosis_plots import (
     drawn_against,
     drawn_curves,
     localisation_columns,
+    residual_accelerations,
     whiskers,
 )
 from capture_cli.report.figure_parts import (
@@ -140,10 +141,7 @@ def _draw_curve(axis, diagnosis: Diagnosis, k: int, row: int) -> list:
     factor, unit = acceleration_scale(diagnosis, k)
     against = diagnosis.attributes["curves"][row]
     x, x_title = drawn_against(diagnosis, row)
-    before, after, error = (
-        np.asarray(diagnosis.arrays[f"bin/{kind}"])[row] for kind in ("before", "after", "error")
-    )
-    before, after, error = factor * before, factor * after, factor * error
+    before, after, error = residual_accelerations(diagnosis, row, factor)
     color = PALETTE["--before"]
     axis.axhline(0, color=RULE, lw=0.8, zorder=0)
     axis.fill_between(x, before - 2 * error, before + 2 * error, color=color, alpha=0.16, lw=0)

@@ -267,14 +267,16 @@ def _arrow(before: float, after: float, name: str) -> Plot:
     }
 
 
+def residual_accelerations(diagnosis: Diagnosis, row: int, factor: float) -> list[np.ndarray]:
+    """Of a curve, times the factor: the means before and after, and the standard error before, (bin,) each."""
+    return [factor * np.asarray(diagnosis.arrays[f"bin/{k}"])[row] for k in ("before", "after", "error")]
+
+
 def _curve(
     diagnosis: Diagnosis, row: int, factor: float, unit: str, number: str, has_effects: bool
 ) -> list[Plot]:
     x, _ = drawn_against(diagnosis, row)
-    before, after, error = (
-        np.asarray(diagnosis.arrays[f"bin/{kind}"])[row] for kind in ("before", "after", "error")
-    )
-    before, after, error = factor * before, factor * after, factor * error
+    before, after, error = residual_accelerations(diagnosis, row, factor)
     hover = {"hovertemplate": f"%{{y:.3g}} {in_template(unit)}<extra></extra>"}
     around = {"mode": "lines", "hoverinfo": "skip", "showlegend": False, "width": 0, "axes": number}
     curves = [
