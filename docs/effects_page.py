@@ -12,7 +12,7 @@ from capture_cli.model.effects.base import PLACES
 def effects() -> str:
     """A table of each place, a row per effect."""
     entries = catalogue()
-    tables = "\n\n".join(_table(place, [e for e in entries if e.place == place]) for place in PLACES)
+    tables = "\n\n".join(_table(place, [e for e in entries if e.kind.place == place]) for place in PLACES)
     states: dict[str, list[str]] = {}
     for name, kind in REGISTRY.items():
         if kind.states_mean:
@@ -34,19 +34,19 @@ def _table(place: str, entries: list[Entry]) -> str:
 
 def _row(entry: Entry) -> str:
     parameters = (
-        f"`{p.name}`{'*' if p.name in entry.shapes else ''}{f' {p.unit}' * (p.unit != '1')}"
+        f"`{p.name}`{'*' if p.name in entry.kind.shapes else ''}{f' {p.unit}' * (p.unit != '1')}"
         for p in entry.parameters
     )
-    where = entry.where.replace("every hinge and slide joint", "joints").replace(
+    where = entry.kind.where.replace("every hinge and slide joint", "joints").replace(
         " of them together where there are several", " together"
     )
-    exported = "" if entry.exported_as else " Not exported."
+    exported = "" if entry.kind.exported_as() else " Not exported."
     return f"| `{entry.name}` | {_law(entry)}{exported} | {', '.join(parameters)} | {where} |"
 
 
 def _law(entry: Entry) -> str:
     """As many sentences of its law as name all of its parameters; the first where none do."""
-    first, *more = re.split(r"(?<=[.:;]) (?=[A-Z`-])", " ".join(entry.law.split()))
+    first, *more = re.split(r"(?<=[.:;]) (?=[A-Z`-])", " ".join(entry.kind.law().split()))
     for text in accumulate([first, *more], "{} {}".format):
         if all(f"`{p.name}`" in text for p in entry.parameters):
             break

@@ -603,9 +603,10 @@ def test_the_command_says_what_it_wrote(capture, tasks, tmp_path):
 def test_every_effect_of_the_catalogue_says_how_it_is_exported():
     page = (Path(__file__).parents[1] / "docs" / "effects.md").read_text(encoding="utf-8")
     for entry in effects.catalogue():
-        assert entry.exported_as == ("MJCF" if entry.place == "model" else "companion")
-        section = page.split(f"## {entry.place.capitalize()}\n")[1].split("\n## ")[0]
+        place, exported_as = entry.kind.place, entry.kind.exported_as()
+        assert exported_as == ("MJCF" if place == "model" else "companion")
+        section = page.split(f"## {place.capitalize()}\n")[1].split("\n## ")[0]
         says, _, rows = section.partition("\n|")
-        assert ("model.xml" if entry.exported_as == "MJCF" else "a companion") in says
+        assert ("model.xml" if exported_as == "MJCF" else "a companion") in says
         own = next(row for row in rows.splitlines() if row.startswith(f"| `{entry.name}` |"))
         assert "Not exported" not in own

@@ -21,13 +21,14 @@ def describe(task: str | None, name: str | None = None) -> list[dict[str, Any]]:
 
 
 def _one(entry: Entry, *, with_sites: bool) -> dict[str, Any]:
+    kind = entry.kind
     row = {
         "name": entry.name,
-        "place": entry.place,
-        "summary": entry.summary,
-        "law": entry.law,
-        "where": entry.where,
-        "exported_as": entry.exported_as,
+        "place": kind.place,
+        "summary": kind.summary,
+        "law": kind.law(),
+        "where": kind.where,
+        "exported_as": kind.exported_as(),
     }
     if with_sites:
         row["sites"] = list(entry.sites)
@@ -38,7 +39,7 @@ def _one(entry: Entry, *, with_sites: bool) -> dict[str, Any]:
             "low": p.low,
             "high": p.high,
             "null": p.nominal,
-            "shape": p.name in entry.shapes,
+            "shape": p.name in kind.shapes,
         }
         for p in entry.parameters
     ]

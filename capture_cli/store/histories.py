@@ -145,24 +145,18 @@ class HistoriesWriter:
         missing = set(SCHEMA.attributes) - {"complete"} - set(attributes)
         if missing:
             raise ValueError(f"{SCHEMA.format}: attributes {sorted(missing)} are not given")
-        with self._while_zarr_writes():
-            self._create(attributes)
-
-    def _create(self, attributes: Mapping[str, Any]) -> None:
-        import zarr
-
+        header = {"format": SCHEMA.format, "version": SCHEMA.version, "complete": False}
         sizes = _sizes(attributes)
         pairs, shard = sizes["pair"], attributes["shard_pairs"]
-        group = zarr.open_group(self.location, mode="w", zarr_format=3)
-        for spec in DATA:
-            rest = tuple(sizes[d] for d in spec.dims[1:])
-            chunk = math.gcd(SETTINGS.chunk_pairs, shard)
-            _create(group, spec, (pairs, *rest), (chunk, *rest), (shard, *rest))
-        _create(group, SCHEMA.arrays[-1], (sizes["shard"],), (1,), None)
-        # last: until now, whoever opens it finds no store
-        group.attrs.update(
-            {"format": SCHEMA.format, "version": SCHEMA.version, "complete": False, **attributes}
-        )
+        with self._while_zarr_writes():
+            group = self._emptied()
+            for spec in DATA:
+                rest = tuple(sizes[d] for d in spec.dims[1:])
+                chunk = math.gcd(SETTINGS.chunk_pairs, shard)
+                _create(group, spec, (pairs, *rest), (chunk, *rest), (shard, *rest))
+            _create(group, SCHEMA.arrays[-1], (sizes["shard"],), (1,), None)
+            # last: until now, whoever opens it finds no store
+            group.attrs.update({**header, **attributes})
 
     def attributes(self) -> dict[str, Any] | None:
         """Those of the store there, None where there is none. Raises StoreError where that cannot be told."""
@@ -180,9 +174,12 @@ class HistoriesWriter:
 
     def clear(self) -> None:
         """Remove what is there."""
+        self._emptied()
+
+    def _emptied(self):
         import zarr
 
-        zarr.open_group(self.location, mode="w", zarr_format=3)
+        return zarr.open_group(self.location, mode="w", zarr_format=3)
 
     def remove_halves(self) -> None:
         """Remove what a killed run left of the files it was about to write; nobody else may write meanwhile.
@@ -203,17 +200,14 @@ class HistoriesWriter:
 
     def write(self, shard: int, arrays: Mapping[str, np.ndarray]) -> None:
         """Write the histories of one shard, then mark it."""
-        with self._while_zarr_writes():
-            self._write(shard, arrays)
-
-    def _write(self, shard: int, arrays: Mapping[str, np.ndarray]) -> None:
         import zarr
 
-        group = zarr.open_group(self.location, mode="r+")
-        rows = shard_rows(shard, group.attrs["shard_pairs"], group["target"].shape[0])
-        for spec in DATA:
-            group[spec.path][rows] = arrays[spec.path].astype(spec.dtype)
-        group[MARKS][shard] = 1
+        with self._while_zarr_writes():
+            group = zarr.open_group(self.location, mode="r+")
+            rows = shard_rows(shard, group.attrs["shard_pairs"], group["target"].shape[0])
+            for spec in DATA:
+                group[spec.path][rows] = arrays[spec.path].astype(spec.dtype)
+            group[MARKS][shard] = 1
 
     def is_sound(self, shard: int) -> bool:
         """Whether what a marked shard holds can be read, checksums and all."""

@@ -19,20 +19,12 @@ EXAMPLE = Path(__file__).with_name("_example_machine.xml")
 
 @dataclass(frozen=True)
 class Entry:
-    """One effect of the catalogue: its sites in a model, and its parameters, each at the first of them that has it.
-
-    law: what its parameters do, as a formula where it has one.
-    """
+    """One effect of the catalogue: its sites in a model, and its parameters, each at the first of them that has it."""
 
     name: str
-    place: str
-    summary: str
-    law: str
-    where: str
+    kind: type[Effect]
     sites: tuple[str, ...]
     parameters: tuple[Parameter, ...]
-    shapes: tuple[str, ...]
-    exported_as: str
 
 
 def catalogue(model: mujoco.MjModel | None = None) -> list[Entry]:
@@ -44,17 +36,5 @@ def catalogue(model: mujoco.MjModel | None = None) -> list[Entry]:
         parameters: dict[str, Parameter] = {}
         for parameter in (p for site in sites for p in effect(model, site).parameters):
             parameters.setdefault(parameter.name, parameter)
-        entries.append(
-            Entry(
-                name=name,
-                place=effect.place,
-                summary=effect.summary,
-                law=effect.law(),
-                where=effect.where,
-                sites=sites,
-                parameters=tuple(parameters.values()),
-                shapes=effect.shapes,
-                exported_as=effect.exported_as(),
-            )
-        )
-    return sorted(entries, key=lambda e: (PLACES.index(e.place), e.name))
+        entries.append(Entry(name, effect, sites, tuple(parameters.values())))
+    return sorted(entries, key=lambda e: (PLACES.index(e.kind.place), e.name))
