@@ -44,12 +44,5 @@ class Search(ABC):
         return path
 
     @abstractmethod
-    def path(
-        self,
-        source: np.ndarray,
-        target: np.ndarray,
-        low: np.ndarray,
-        high: np.ndarray,
-        uniform: np.ndarray,
-    ) -> np.ndarray:
+    def path(self, source, target, low, high, uniform) -> np.ndarray:
         """As `walk`, before the last round is set to the target."""

@@ -339,14 +339,18 @@ def with_profile(found: Found, progress: Progress, *, seed: int) -> Found:
         x, offsets = seen.better
         what = "fit from a better point along a parameter"
         again = by_physics(found.fits, x, progress, Descents(seed, what, rounds=SETTINGS.again), offsets)
-        history = [*found.history, *again.history]
-        found = replace(found, best=again.best, known=again.known, history=history, sampled=None)
+        found = replace(_moved(found, again), sampled=None)
     return replace(found, profile=seen)
 
 
 def _sharpened(found: Found) -> Found:
     """`found`, with sensitivities that tell what is known of parameters that are confounded."""
     return replace(found, known=found.fits.sharpened(found.part, found.at).at)
+
+
+def _moved(found: Found, again: Found) -> Found:
+    """`found`, with the best of `again`, which went on from it."""
+    return replace(found, best=again.best, known=again.known, history=[*found.history, *again.history])
 
 
 def _after(found: Found, again: Found) -> Found:
@@ -368,8 +372,7 @@ def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
         if sampled.gain > FIT.tolerance:
             x, what = sampled.point, "fit from the likeliest point about"
             better = by_physics(fits, x, progress, Descents(seed, what, rounds=SETTINGS.again), at.offsets)
-            history = [*found.history, *better.history]
-            found = replace(found, best=better.best, known=better.known, history=history)
+            found = _moved(found, better)
         found = replace(found, sampled=sampled)
     return found
 
