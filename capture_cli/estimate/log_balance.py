@@ -13,8 +13,9 @@ from capture_cli.errors import LogError
 from capture_cli.estimate.balance.input_timing import InputTiming, input_timings
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.screening import SETTINGS as SCREENING
-from capture_cli.estimate.balance.screening import declared_balance, parameters_sd
-from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.balance.screening import by_parameter, declared_balance, parameters_sd
+from capture_cli.estimate.balance.whitening import Whitening
+from capture_cli.estimate.prepared_log import Balanced, PreparedLog
 from capture_cli.model.tasks.base import Task
 
 
@@ -32,20 +33,26 @@ def smoothed_log(prepared: PreparedLog, windows: np.ndarray) -> SmoothedLog | No
         return None
 
 
-def timings_of_inputs(prepared: PreparedLog, threads: int | None) -> tuple[InputTiming, ...]:
-    """How the inputs act of which the task does not say it, by what is not held out; none where there is no balance."""
-    task = prepared.task
-    smoothed = smoothed_log(prepared, ~prepared.split.is_test)
+def timings_of_inputs(
+    prepared: PreparedLog, threads: int | None
+) -> tuple[tuple[InputTiming, ...], Balanced | None]:
+    """How the inputs act of which the task does not say it, by what is not held out; none where there is no balance.
+    With that balance, in which they are held.
+    """
+    task, windows = prepared.task, np.flatnonzero(~prepared.split.is_test)
+    smoothed = smoothed_log(prepared, windows)
     if smoothed is None:
-        return ()
+        return (), None
     try:
         balance, whitening = declared_balance(smoothed, task.space.nominal, threads)
     except LogError:  # too short
-        return ()
-    found, nothing_else = input_timings(balance, whitening, [c.name for c in task.inputs], task.linear)
+        return (), None
+    rows = whitening.rows(by_parameter(balance))
+    known = Balanced(windows, task.space.nominal, _where_sure(whitening, rows))
+    found, nothing_else = input_timings(balance, whitening, rows, [c.name for c in task.inputs], task.linear)
     if not nothing_else:
-        return ()
-    return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.linear is None)
+        return (), known
+    return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.linear is None), known
 
 
 def balanced_point(
@@ -55,9 +62,11 @@ def balanced_point(
     `point` (parameter,) on; None where the log gives none, or where it leaves one of them open: along a ridge it would
     begin anywhere.
     """
-    known = prepared.screening
-    if known is not None:
-        balance, whitening = known.balance, known.whitening
+    known, screening = prepared.balanced, prepared.screening
+    if known is not None and known.is_of(windows, point):
+        return known.point
+    if screening is not None:
+        whitening, rows = screening.whitening, screening.by_parameter
     else:
         smoothed = smoothed_log(prepared, windows)
         if smoothed is None:
@@ -66,8 +75,14 @@ def balanced_point(
             balance, whitening = declared_balance(smoothed, point, threads)
         except LogError:  # too short
             return None
-    doubt = parameters_sd(balance, whitening)
-    return balance.point if doubt.max(initial=0.0) < SCREENING.determined else None
+        rows = whitening.rows(by_parameter(balance))
+    return _where_sure(whitening, rows)
+
+
+def _where_sure(whitening: Whitening, rows: Sequence[np.ndarray]) -> np.ndarray | None:
+    """The point (parameter,) of a balance; None where that leaves a parameter open. rows: of the parameters."""
+    doubt = parameters_sd(whitening, rows)
+    return whitening.balance.point if doubt.max(initial=0.0) < SCREENING.determined else None
 
 
 def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:

@@ -78,12 +78,12 @@ def prepare(
     if excerpt is not None:
         return replace(prepared, difference_step=excerpt.difference_step)
     if any(c.linear is None for c in task.inputs):
-        timings = timings_of_inputs(prepared, threads)
+        timings, balanced = timings_of_inputs(prepared, threads)
         known = with_timings(task, timings)
         if known.linear.any():
             prepared = prepare(log, known, window=window, split=split, threads=threads)
             return replace(prepared, input_timings=timings)
-        prepared = replace(prepared, task=known, input_timings=timings)
+        prepared = replace(prepared, task=known, input_timings=timings, balanced=balanced)
     step, rollouts = difference_step(prepared, threads)
     return replace(prepared, difference_step=step, rollouts=rollouts)
 

@@ -24,12 +24,27 @@ from capture_cli.simulate.simulator import Begun, Simulator
 
 
 @dataclass(frozen=True)
+class Balanced:
+    """Where the force balance of some `windows` (window,) has the declared parameters, (parameter,), from `start`
+    (parameter,) on; None where it leaves one of them open.
+    """
+
+    windows: np.ndarray
+    start: np.ndarray
+    point: np.ndarray | None
+
+    def is_of(self, windows: np.ndarray, start: np.ndarray) -> bool:
+        return np.array_equal(windows, self.windows) and np.array_equal(start, self.start)
+
+
+@dataclass(frozen=True)
 class PreparedLog:
     """Everything `identify` and `diagnose` know before the first fit.
 
     difference_step: the least share of a parameter's range that finite differences take, as of `difference_step`.
-    rollouts: how many windows were simulated to make it ready. input_timings: how inputs act between rows, as far
-    as the log tells. screening: of all effects in the force balance of what selects them, where that was asked.
+    rollouts: how many windows were simulated to make it ready. input_timings: how inputs act between rows, as far as
+    the log tells, and `balanced`: where the balance that was asked for that has the parameters. screening: of all
+    effects in the force balance of what selects them, where that was asked.
     """
 
     task: Task
@@ -41,6 +56,7 @@ class PreparedLog:
     difference_step: float = 0.0
     rollouts: int = 0
     input_timings: Sequence[InputTiming] = ()
+    balanced: Balanced | None = None
     screening: Screening | None = None
 
     @property

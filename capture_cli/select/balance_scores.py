@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -43,11 +44,12 @@ def score_in_balance(
     polished: how many are fitted in the balance, as of `Screening.additions`.
     """
     values = [current.point[current.columns(e.name)] for e in current.effects]
+    shapes_tried = Counter(a.placed.name for a in screening.atoms)
     found = {a.placed.name: a for a in screening.additions(current.effects, values, polished)}
     for candidate in candidates:
         candidate.fit = candidate.select = candidate.support = candidate.score = None
         candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
-        candidate.shapes_tried = max(sum(a.placed.name == candidate.name for a in screening.atoms), 1)
+        candidate.shapes_tried = max(shapes_tried[candidate.name], 1)
         addition = found.get(candidate.name)
         if addition is None:
             candidate.why_rejected = "it moves nothing in this log, or only with the wrong sign"

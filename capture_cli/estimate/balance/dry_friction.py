@@ -7,13 +7,14 @@ import numpy as np
 from scipy.special import ndtr
 
 from capture_cli.common.frozen import frozen
+from capture_cli.estimate.balance.trees import trees
 
 
 @frozen
 class SETTINGS:
-    """sweeps: over the joints, each of which holds against what the friction of the others leaves, at most; at each
-    point they end where none changes by more than the share `settled` of its loss. impedance: as far as MuJoCo lets it
-    be.
+    """sweeps: at most, over the joints of a tree, each of which holds against what the friction of the others leaves;
+    at each point they end where none changes by more than the share `settled` of its loss. impedance: as far as MuJoCo
+    lets it be.
     """
 
     sweeps: int = 30
@@ -28,37 +29,70 @@ def dry_friction(
     velocity: np.ndarray,
     velocity_sd: np.ndarray,
     loss: np.ndarray,
+    *,
+    where: np.ndarray | None = None,
 ) -> np.ndarray:
     """Generalised forces of friction (point, nv), the mean over velocities that are known with velocity_sd (nv,).
 
-    inverse (point, nv, nv): of the inertia; applied (point, nv): all other forces; loss (point, nv): frictionloss. With
-    A the diagonal of the inverse, R = (1 - d) / d times `dof_invweight0` and the reference acceleration -b v, each is
+    inverse (point, nv, nv): of the inertia; applied (point, nv): all other forces; loss (point, nv): frictionloss.
+    where (point, nv): trees in which it is false are left out, and have none. With A the diagonal of the inverse,
+    R = (1 - d) / d times `dof_invweight0` and the reference acceleration -b v, each is
 
         f = -(a + b v) / (A + R), no larger than its loss,
 
-    where a is the acceleration without it (MuJoCo, Computation: friction loss; d and b from solimp and solref).
+    where a is the acceleration without it (MuJoCo, Computation: friction loss; d and b from solimp and solref). What
+    one tree holds is nothing to another, so that each is worked out by itself, and those of one size side by side.
     """
+    force, lanes = np.zeros_like(applied), {}
+    damping, softness = _reference(model)
+    for own in trees(model):
+        asked = loss[:, own].any(axis=1) & (True if where is None else where[:, own].any(axis=1))
+        if asked.any():
+            lanes.setdefault(own.stop - own.start, []).append((np.flatnonzero(asked), own))
+    for alike in lanes.values():
+        each = (damping, softness, applied, velocity, velocity_sd, loss)
+        each = (np.broadcast_to(values, applied.shape) for values in each)
+        found = _in_trees(
+            np.concatenate([inverse[rows, own, own] for rows, own in alike]),
+            *(np.concatenate([values[rows, own] for rows, own in alike]) for values in each),
+        )
+        first = 0
+        for rows, own in alike:
+            force[rows, own] = found[first : first + len(rows)]
+            first += len(rows)
+    return force
+
+
+def _in_trees(
+    inverse: np.ndarray,
+    damping: np.ndarray,
+    softness: np.ndarray,
+    applied: np.ndarray,
+    velocity: np.ndarray,
+    velocity_sd: np.ndarray,
+    loss: np.ndarray,
+) -> np.ndarray:
+    """As `dry_friction`, (lane, dof), each lane being a tree at a point; damping, softness: as of `_reference`."""
     force = np.zeros_like(applied)
     moved = np.flatnonzero(loss.any(axis=0))
-    if not moved.size:
-        return force
-    damping, softness = _reference(model)
     free = (inverse @ applied[..., None])[..., 0]
-    left = np.arange(len(applied))
-    for _ in range(SETTINGS.sweeps if moved.size > 1 else 1):
+    diagonal = inverse.diagonal(axis1=1, axis2=2)
+    total = diagonal + softness
+    reference, sd = damping * velocity, damping * velocity_sd / total
+    left: np.ndarray | slice = slice(None)
+    for sweep in range(SETTINGS.sweeps if moved.size > 1 else 1):
         here, before = inverse[left], force[left]
         found = before.copy()
-        acceleration = free[left] + (here @ before[..., None])[..., 0]
+        acceleration = free[left] + (here @ before[..., None])[..., 0] if sweep else free.copy()
         for dof in moved:
-            own = here[:, dof, dof]
-            total = own + softness[dof]
-            without = acceleration[:, dof] - own * found[:, dof]
-            wanted = -(without + damping[dof] * velocity[left, dof]) / total
-            held = _limited(wanted, damping[dof] * velocity_sd[dof] / total, loss[left, dof])
+            without = acceleration[:, dof] - diagonal[left, dof] * found[:, dof]
+            wanted = -(without + reference[left, dof]) / total[left, dof]
+            held = _limited(wanted, sd[left, dof], loss[left, dof])
             acceleration += here[:, :, dof] * (held - found[:, dof])[:, None]
             found[:, dof] = held
+        more = (np.abs(found - before) > SETTINGS.settled * loss[left]).any(axis=1)
         force[left] = found
-        left = left[(np.abs(found - before) > SETTINGS.settled * loss[left]).any(axis=1)]
+        left = np.arange(len(force))[left][more]
         if not left.size:
             break
     return force
@@ -77,8 +111,9 @@ def _limited(mean: np.ndarray, sd: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """The mean of a normal number, cut off at +- limit: (point,) each."""
     sd = np.maximum(sd, 1e-12 * np.maximum(limit, np.finfo(float).tiny))
     low, high = (-limit - mean) / sd, (limit - mean) / sd
-    inside = mean * (ndtr(high) - ndtr(low)) + sd * (_density(low) - _density(high))
-    return inside + limit * (ndtr(-high) - ndtr(low))
+    below = ndtr(low)
+    inside = mean * (ndtr(high) - below) + sd * (_density(low) - _density(high))
+    return inside + limit * (ndtr(-high) - below)
 
 
 def _density(x: np.ndarray) -> np.ndarray:

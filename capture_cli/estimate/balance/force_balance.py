@@ -30,6 +30,7 @@ from capture_cli.estimate.balance.dry_friction import dry_friction
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.recorded_world import AT_JOINTS, RecordedWorld
 from capture_cli.estimate.balance.resting import mass_matrix
+from capture_cli.estimate.balance.trees import in_whole_trees, inverse_of, solved
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._periodic_force import PeriodicForce
@@ -343,11 +344,9 @@ class ForceBalance:
                 self.smoothed.log.time[self._sequence_steps[n]] - self.smoothed.log.time[0]
             )
             low, high = np.clip(at - half, edges[0], edges[-1]), np.clip(at + half, edges[0], edges[-1])
-            for k in range(variants):
-                sums = total[k * parts + n]
-                for u in range(task.model.nu):
-                    whole = np.interp(high, edges, sums[:, u]) - np.interp(low, edges, sums[:, u])
-                    found[k, own, u] = whole / (high - low)
+            sums = total[n::parts]  # of each variant
+            whole = _between(high, edges, sums) - _between(low, edges, sums)
+            found[:, own] = whole / (high - low)[:, None]
         return found
 
     @cached_property
@@ -525,14 +524,15 @@ class ForceBalance:
         applied = self._set(runner, state, self.controls if controls is None else controls)
         friction = np.zeros_like(applied)
         if model.dof_frictionloss.any():
-            inverse = self._inverse_mass(model, inertia)
+            same = "_null" in self.__dict__ and np.array_equal(inertia, self._null.inertia)
+            inverse = self._own_inverse_mass if same else self._inverse_mass(model, inertia)
             friction = self._friction(model, inverse, applied, model.dof_frictionloss, state)
         applied = applied + friction
         felt = self._holding(_felt(model, inertia))
-        free = np.linalg.solve(felt, np.where(self.at_rest, state[2], applied)[..., None])[..., 0]
+        free = solved(model, felt, np.where(self.at_rest, state[2], applied))
         pushed = np.zeros_like(free)
         if self.unshown.size:
-            pushed = np.linalg.solve(felt, np.where(self.at_rest, 0.0, push)[..., None])[..., 0]
+            pushed = solved(model, felt, np.where(self.at_rest, 0.0, push))
         forces = Accelerations(state[2], self._resting(free, pushed))
         return _WorkedOut(forces, applied, friction, free, pushed, contacts.copy(), inertia.copy())
 
@@ -605,7 +605,7 @@ class ForceBalance:
         self, model: mujoco.MjModel, packed: np.ndarray, here: np.ndarray | slice = slice(None)
     ) -> np.ndarray:
         """What dry friction works against, (point, nv, nv), from mjData.M at the points `here`."""
-        return np.linalg.inv(self._holding(mass_matrix(model, packed), here))
+        return inverse_of(model, self._holding(mass_matrix(model, packed), here))
 
     def _friction(
         self,
@@ -615,15 +615,18 @@ class ForceBalance:
         loss: np.ndarray,
         state: tuple[np.ndarray, ...],
         here: np.ndarray | slice = slice(None),
+        where: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Dry friction (point, nv) at the points `here` where forces are `applied` (point, nv) beside it.
+        """Dry friction (point, nv) at the points `here` where forces are `applied` (point, nv) beside it. where: as of
+        `dry_friction`.
 
         What is at rest has none, and the acceleration that it has.
         """
         rest = self.at_rest[here]
         begins = state[1] - self._half * state[2]
         driven = np.where(rest, state[2], applied)
-        return dry_friction(model, inverse, driven, begins, self.speed_sd, np.where(rest, 0.0, loss))
+        loss = np.where(rest, 0.0, loss)
+        return dry_friction(model, inverse, driven, begins, self.speed_sd, loss, where=where)
 
     def _of_one_force(self, effect: Effect, values: np.ndarray) -> Accelerations:
         world, runner, smooth, inverse, base = self._world
@@ -669,7 +672,7 @@ class ForceBalance:
         inverse = self._inverse_mass(self._model, inertia, here)
         applied += self._friction(self._model, inverse, applied, loss, state, here)
         felt = self._holding(_felt(self._model, inertia), here)
-        return np.linalg.solve(felt, np.where(self.at_rest[here], state[2], applied)[..., None])[..., 0]
+        return solved(self._model, felt, np.where(self.at_rest[here], state[2], applied))
 
     def _friction_changed(
         self, acts: np.ndarray, loss: np.ndarray, here: np.ndarray | slice = slice(None)
@@ -679,10 +682,17 @@ class ForceBalance:
         """
         if not loss.any() and not self._null.friction.any():
             return np.zeros_like(acts)
-        applied = (self._null.applied - self._null.friction)[here] + acts
-        state = tuple(s[here] for s in self.state)
-        found = self._friction(self._model, self._own_inverse_mass[here], applied, loss, state, here)
-        return found - self._null.friction[here]
+        # other trees do not feel what one does
+        changed = in_whole_trees(self._model, (acts != 0) | (loss != self._model.dof_frictionloss))
+        some = np.flatnonzero(changed.any(axis=1))
+        at = some if isinstance(here, slice) else here[some]
+        applied = (self._null.applied - self._null.friction)[at] + acts[some]
+        state = tuple(s[at] for s in self.state)
+        inverse = self._own_inverse_mass[at]
+        friction = self._friction(self._model, inverse, applied, loss[some], state, at, changed[some])
+        found = np.zeros_like(acts)
+        found[some] = np.where(changed[some], friction - self._null.friction[at], 0.0)
+        return found
 
     @cached_property
     def _own_inverse_mass(self) -> np.ndarray:
@@ -818,7 +828,7 @@ class ForceBalance:
         world = World(runner, np.arange(len(self.points)))
         world.qacc = self.null.predicted
         world.stepped = True
-        inverse = np.linalg.inv(self._holding(_felt(model, inertia)))
+        inverse = inverse_of(model, self._holding(_felt(model, inertia)))
         inverse *= ~self.at_rest[:, None, :]
         return world, runner, smooth, self._yielding(inverse), smooth.copy()
 
@@ -829,6 +839,13 @@ class ForceBalance:
         free, pushed = self._null.free, self._null.pushed
         columns = [self._resting(free, pushed, inverse[..., dof]) for dof in range(self.model.nv)]
         return np.stack(columns, axis=-1)
+
+
+def _between(at: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (variant, grid, column) at points between (point,): as np.interp of each, all at once."""
+    before = np.clip(np.searchsorted(grid, at, side="right") - 1, 0, len(grid) - 2)
+    slope = (values[:, before + 1] - values[:, before]) / (grid[before + 1] - grid[before])[:, None]
+    return slope * (at - grid[before])[:, None] + values[:, before]
 
 
 def _remembers(effect: Effect) -> bool:

@@ -50,6 +50,7 @@ class InputTiming:
 def input_timings(
     balance: ForceBalance,
     whitening: Whitening,
+    rows: Sequence[np.ndarray],
     names: Sequence[str],
     linear: np.ndarray,
     settings: InputTimingSettings = SETTINGS,
@@ -57,13 +58,12 @@ def input_timings(
     """How each input acts, and whether that is all: what is missing may look like another timing, and one that is not
     surely better may still be right.
 
-    balance, whitening: at values of the declared parameters; names, linear (input,): of the inputs, and how they are
-    read in it.
+    balance, whitening: at values of the declared parameters; rows: of these; names, linear (input,): of the inputs, and
+    how they are read in it.
 
     All inputs are first read the other way together, then each by itself beside the better of these.
     """
-    columns = whitening.rows([balance.of_parameter(i) for i in range(len(balance.point))])
-    columns = [c * balance.smoothed.task.space.span for c in columns]
+    columns = [c * balance.smoothed.task.space.span for c in rows]
     blocks = whitening.blocks(settings.blocks)
 
     def likelihood(read: np.ndarray) -> np.ndarray:

@@ -170,7 +170,7 @@ class Screening:
         self.balance, self.whitening = balance, whitening
         self.block = whitening.blocks(self.settings.blocks)
         self.target = whitening.rows([balance.null])
-        self.by_parameter = whitening.rows(_by_parameter(balance))
+        self.by_parameter = whitening.rows(by_parameter(balance))
         self._known: dict[tuple, object] = {}
         self._rows: OrderedDict[tuple, list[np.ndarray]] = OrderedDict()
 
@@ -506,7 +506,7 @@ def declared_balance(
     balance = ForceBalance(smoothed, point, threads)
     whitening = Whitening(balance)
     for _ in range(settings.descents):
-        white = np.concatenate(whitening.whitened(whitening.rows([balance.null, *_by_parameter(balance)])))
+        white = np.concatenate(whitening.whitened(whitening.rows([balance.null, *by_parameter(balance)])))
         step = _step(white[:, 1:] * space.span, white[:, 0], point, space.low, space.high, settings.far)
         point = np.clip(point + step * space.span, space.low, space.high)
         balance = ForceBalance(smoothed, point, threads)
@@ -516,16 +516,19 @@ def declared_balance(
     return balance, whitening.at(balance)
 
 
-def parameters_sd(balance: ForceBalance, whitening: Whitening) -> np.ndarray:
-    """How well a balance determines each declared parameter, by the noise of the sensors, in its range (parameter,)."""
+def parameters_sd(whitening: Whitening, rows: Sequence[np.ndarray]) -> np.ndarray:
+    """How well a balance determines each declared parameter, by the noise of the sensors, in its range (parameter,).
+
+    rows: of the parameters.
+    """
     whitening = copy(whitening)
     whitening.reset()
-    rows = whitening.rows(_by_parameter(balance))
-    white = np.concatenate(whitening.whitened(rows)) * balance.smoothed.task.space.span
+    white = np.concatenate(whitening.whitened(rows)) * whitening.balance.smoothed.task.space.span
     return np.sqrt(np.diag(np.linalg.inv(with_prior(white.T @ white))))
 
 
-def _by_parameter(balance: ForceBalance) -> list[Accelerations]:
+def by_parameter(balance: ForceBalance) -> list[Accelerations]:
+    """The columns of the declared parameters."""
     return [balance.of_parameter(i) for i in range(len(balance.point))]
 
 

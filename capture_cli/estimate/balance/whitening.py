@@ -13,11 +13,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.linalg import cholesky, eigh, solve_triangular, toeplitz
+from scipy.linalg import LinAlgError, cholesky, eigh, solve_triangular, toeplitz
+from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.optimize import minimize, minimize_scalar
 from scipy.signal import lfilter
 from scipy.sparse import csr_array
@@ -354,9 +356,15 @@ class Whitening:
 
     def _covariance(self, dof: int, model_error: float, slow_noise: np.ndarray) -> np.ndarray:
         lags = self.noise[dof] + model_error**2 * self.white + slow_noise**2 @ self.slow[dof]
-        matrix = toeplitz(lags)
-        matrix[np.diag_indices_from(matrix)] *= 1 + self.settings.floor
+        matrix = lags[self._apart]
+        matrix.flat[:: len(lags) + 1] *= 1 + self.settings.floor
         return matrix
+
+    @cached_property
+    def _apart(self) -> np.ndarray:
+        """How far apart rows are, (row, row)."""
+        rows = np.arange(self.size)
+        return np.abs(rows[:, None] - rows)
 
     def _factorise(self) -> None:
         sizes = zip(self.model_error, self.slow_noise.T, strict=True)
@@ -385,10 +393,12 @@ def _remembering(response: np.ndarray, memory: float) -> np.ndarray:
 
 def _surprise(covariance: np.ndarray, residual: Sequence[np.ndarray]) -> float:
     """Minus the log likelihood of segments, (row, segment) of each length, up to a constant."""
-    factor = cholesky(covariance, lower=True, check_finite=False)
+    factor, wrong = dpotrf(covariance, lower=True, clean=True)
+    if wrong:
+        raise LinAlgError("the covariance is not positive definite")
     logs = np.cumsum(np.log(np.diag(factor)))
     total = 0.0
     for own in residual:
-        white = solve_triangular(factor[: len(own), : len(own)], own, lower=True, check_finite=False)
+        white, _ = dtrtrs(factor[: len(own), : len(own)], own, lower=True)
         total += 0.5 * float((white * white).sum()) + logs[len(own) - 1] * own.shape[1]
     return total

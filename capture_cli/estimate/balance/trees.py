@@ -1,0 +1,36 @@
+"""Kinematic trees: what moves in one has no inertia in another, so that matrices fall into a block for each."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+
+def trees(model: mujoco.MjModel) -> list[slice]:
+    """The coordinates of each tree, which follow each other."""
+    first = np.flatnonzero(np.diff(model.dof_treeid, prepend=-1))
+    return [slice(int(a), int(b)) for a, b in zip(first, [*first[1:], model.nv], strict=True)]
+
+
+def inverse_of(model: mujoco.MjModel, matrices: np.ndarray) -> np.ndarray:
+    """Of matrices (point, nv, nv) that fall into the trees' blocks."""
+    inverse = np.zeros_like(matrices)
+    for own in trees(model):
+        inverse[:, own, own] = np.linalg.inv(matrices[:, own, own])
+    return inverse
+
+
+def solved(model: mujoco.MjModel, matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """What such matrices map to the vectors (point, nv)."""
+    found = np.zeros_like(vectors)
+    for own in trees(model):
+        found[:, own] = np.linalg.solve(matrices[:, own, own], vectors[:, own, None])[..., 0]
+    return found
+
+
+def in_whole_trees(model: mujoco.MjModel, which: np.ndarray) -> np.ndarray:
+    """Where `which` (point, nv) is true for any coordinate of the tree, (point, nv)."""
+    found = np.zeros_like(which)
+    for own in trees(model):
+        found[:, own] = which[:, own].any(axis=1, keepdims=True)
+    return found
