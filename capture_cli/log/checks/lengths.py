@@ -13,8 +13,6 @@ SMALL_UNITS = {"ms": "1e-3", "us": "1e-6", "ns": "1e-9"}  # as a task.toml has t
 
 
 class Lengths(Check):
-    """Windows, samples and steps of the model that do not suit each other."""
-
     def findings(self, given):
         episodes, task = given.episodes, given.task
         known = [e for e in episodes if e["duration"] is not None]

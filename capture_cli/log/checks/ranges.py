@@ -10,8 +10,6 @@ from capture_cli.log.checks.base import Check, finding
 
 
 class Ranges(Check):
-    """Inputs that MuJoCo would clip, and joint positions outside the joint's range."""
-
     def findings(self, given):
         log, task = given.log, given.task
         model = task.model

@@ -7,8 +7,6 @@ from capture_cli.model.tasks.base import Channel
 
 
 class SharedColumns(Check):
-    """Channels that read a column which another reads, too."""
-
     def findings(self, given):
         task = given.task
         driving: dict[str, Channel] = {}

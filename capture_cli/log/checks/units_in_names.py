@@ -7,8 +7,6 @@ from capture_cli.model.sensor_units import unit_in_name
 
 
 class UnitsInNames(Check):
-    """Columns whose name ends in another unit than they are read in, with no scale."""
-
     def findings(self, given):
         task = given.task
         columns = [
