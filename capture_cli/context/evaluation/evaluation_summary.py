@@ -53,11 +53,7 @@ def summary(
             entry |= {"success": six_digits(succeeded.mean(axis=0)), "success_sd": six_digits(_sd(succeeded))}
         identifiers[about["label"]] = entry
     return {
-        "task": attributes["task"],
-        "effects": attributes["effects"],
-        "world": attributes["world"],
-        "robot": attributes["robot"],
-        "noise": attributes["noise"],
+        **{key: attributes[key] for key in ("task", "effects", "world", "robot", "noise")},
         "policy": attributes["policy"]["name"],
         "pairs": pairs,
         "seeds": seeds,
