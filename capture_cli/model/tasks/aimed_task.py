@@ -6,12 +6,12 @@ import numpy as np
 
 from capture_cli.errors import TaskError
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.model.tasks.base import ActionTask, Task
+from capture_cli.model.tasks.base import Task
 from capture_cli.model.tasks.reward import Reward
-from capture_cli.model.tasks.sequence_task import SequenceTask
+from capture_cli.model.tasks.sequence_task import MachineTask, SequenceTask
 
 
-class AimedTask(ActionTask):
+class AimedTask(MachineTask):
     """`machine` over episodes that are worth what `reward` says.
 
     An action is each input at each point, between which it is interpolated, inside the actuator's ctrlrange. Raises
@@ -24,10 +24,8 @@ class AimedTask(ActionTask):
         ranges = np.array([_range(machine, channel) for channel in machine.inputs]).reshape(-1, 2)
         if not len(ranges):
             raise TaskError(f"{machine.path}: [reward] without [inputs]", cure="name an actuator as an input")
-        self.machine, self.aim = machine, reward
-        self.name, self.path, self.effects = machine.name, machine.path, machine.effects
-        self.model, self.model_path, self.space = machine.model, machine.model_path, machine.space
-        self.inputs, self.outputs, self.log = machine.inputs, machine.outputs, machine.log
+        super().__init__(machine)
+        self.aim = reward
         start = np.concatenate([machine.model.qpos0, np.zeros(machine.model.nv + machine.model.na)])
         points = reward.point_times
         sequences = np.tile(ranges.T, (1, len(points)))
@@ -37,9 +35,6 @@ class AimedTask(ActionTask):
         self._start = start
         self.actions = ParameterSpace(list(self._whole.actions)[len(start) :])
         self.features, self.point_times = self._whole.features, self._whole.point_times
-
-    def write(self, fields, parameters):
-        self.machine.write(fields, parameters)
 
     def episodes(self, actions):
         return self._whole.episodes(

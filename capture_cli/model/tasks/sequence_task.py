@@ -12,7 +12,20 @@ from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import ActionTask, Episodes, Feature, Task
 
 
-class SequenceTask(ActionTask):
+class MachineTask(ActionTask):
+    """A user's own `machine` as a task of actions."""
+
+    def __init__(self, machine: Task):
+        self.machine = machine
+        self.name, self.path, self.effects = machine.name, machine.path, machine.effects
+        self.model, self.model_path, self.space = machine.model, machine.model_path, machine.space
+        self.inputs, self.outputs, self.log = machine.inputs, machine.outputs, machine.log
+
+    def write(self, fields, parameters):
+        self.machine.write(fields, parameters)
+
+
+class SequenceTask(MachineTask):
     """`machine` over windows that are read at `point_times`.
 
     An action is (qpos (nq), qvel (nv), act (na), inputs (point * input)): the state at the start, and each input at
@@ -23,10 +36,7 @@ class SequenceTask(ActionTask):
     """
 
     def __init__(self, machine: Task, point_times: np.ndarray, library: np.ndarray, scales: Sequence[float]):
-        self.machine = machine
-        self.name, self.model, self.space = machine.name, machine.model, machine.space
-        self.inputs, self.outputs, self.log = machine.inputs, machine.outputs, machine.log
-        self.effects = machine.effects
+        super().__init__(machine)
         self.point_times = self.on_grid(point_times)
         self.library = np.asarray(library, dtype=float)
         names, units = action_names(machine, self.point_times)
@@ -45,17 +55,9 @@ class SequenceTask(ActionTask):
         self._before = np.clip(before, 0, len(self.point_times) - 2)
         self._part = (grid - self.point_times[self._before]) / np.diff(self.point_times)[self._before]
 
-    @property
-    def path(self):
-        """The task.toml."""
-        return self.machine.path
-
     def on_grid(self, times: np.ndarray) -> np.ndarray:
         """The model's steps nearest to `times`, s."""
         return self.timestep * np.rint(np.asarray(times, dtype=float) / self.timestep)
-
-    def write(self, fields, parameters):
-        self.machine.write(fields, parameters)
 
     def draw_actions(self, uniform):
         """An entry of the library each, by the first of its draws."""
