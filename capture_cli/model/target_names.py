@@ -5,7 +5,6 @@ from __future__ import annotations
 import mujoco
 
 from capture_cli.errors import ModelError, did_you_mean
-from capture_cli.model.object_names import KINDS
 from capture_cli.model.target_attributes import ATTRIBUTES
 from capture_cli.model.targets import Target
 
@@ -45,7 +44,7 @@ def split_target(text: str) -> tuple[str, str, str]:
 
 def object_id(model: mujoco.MjModel, kind: str, name: str, where: str) -> int:
     """The id of a body, joint, geom, tendon or actuator. Raises ModelError naming those that exist."""
-    number = mujoco.mj_name2id(model, KINDS[kind], name)
+    number = mujoco.mj_name2id(model, mujoco.mju_str2Type(kind), name)
     if number < 0:
         raise ModelError(
             f"{where}: the model has no {kind} {name!r}", cure=did_you_mean(name, object_names(model, kind))
@@ -57,5 +56,5 @@ def object_names(model: mujoco.MjModel, kind: str) -> list[str]:
     """Names of the model's bodies, joints, geoms, tendons or actuators, those that have one."""
     counts = {"body": model.nbody, "joint": model.njnt, "geom": model.ngeom, "tendon": model.ntendon}
     count = counts.get(kind, model.nactuator)
-    names = (mujoco.mj_id2name(model, KINDS[kind], i) for i in range(count))
+    names = (mujoco.mj_id2name(model, mujoco.mju_str2Type(kind), i) for i in range(count))
     return [n for n in names if n]

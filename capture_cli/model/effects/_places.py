@@ -10,7 +10,7 @@ from typing import ClassVar
 import mujoco
 
 from capture_cli.model.effects.base import GLOBAL, Effect
-from capture_cli.model.object_names import KINDS, object_name
+from capture_cli.model.object_names import object_name
 
 
 def with_all_together(sites: list[str]) -> list[str]:
@@ -20,13 +20,13 @@ def with_all_together(sites: list[str]) -> list[str]:
 
 def site_id(model: mujoco.MjModel, kind: str, site: str) -> int:
     """The id of the object that `object_name` calls `site`."""
-    number = mujoco.mj_name2id(model, KINDS[kind], site)
+    number = mujoco.mj_name2id(model, mujoco.mju_str2Type(kind), site)
     return number if number >= 0 else int(site.removeprefix("#"))
 
 
 def source(model: mujoco.MjModel, kind: str, site: str) -> str:
     """Source of the object that `object_name` calls `site`: `model.joint("x")`, or by its number."""
-    named = mujoco.mj_name2id(model, KINDS[kind], site) >= 0
+    named = mujoco.mj_name2id(model, mujoco.mju_str2Type(kind), site) >= 0
     return f"model.{kind}({json.dumps(site, ensure_ascii=False) if named else site.removeprefix('#')})"
 
 
