@@ -69,7 +69,8 @@ def _dof_field(field: str, *column: int) -> Making:
 
     def make(model: mujoco.MjModel, number: int, where: str) -> Target:
         first = model.jnt_dofadr[number]
-        return FieldTarget(field, (slice(first, first + _dofs(model, number)), *column))
+        count = int((model.dof_jntid == number).sum())
+        return FieldTarget(field, (slice(first, first + count), *column))
 
     return make
 
@@ -93,11 +94,6 @@ def _servo(attribute: str) -> Making:
 def _springref(model: mujoco.MjModel, number: int, where: str) -> Target:
     _check_scalar(model, number, where)
     return FieldTarget("qpos_spring", (model.jnt_qposadr[number],))
-
-
-def _dofs(model: mujoco.MjModel, joint: int) -> int:
-    kind = mujoco.mjtJoint
-    return {int(kind.mjJNT_FREE): 6, int(kind.mjJNT_BALL): 3}.get(int(model.jnt_type[joint]), 1)
 
 
 def _size(column: int | None = None) -> Making:
