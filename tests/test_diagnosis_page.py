@@ -14,8 +14,8 @@ from html_page import Page
 from matplotlib.image import imread
 from rich.console import Console
 
+from capture_cli.report import diagnosis_figures, diagnosis_plots
 from capture_cli.report import diagnosis_findings as findings
-from capture_cli.report import diagnosis_plots
 from capture_cli.report.diagnosis_figures import write_figures
 from capture_cli.report.diagnosis_page import render
 from capture_cli.report.terminal import print_diagnosis
@@ -432,6 +432,24 @@ def test_figures(name, tmp_path):
         assert image.shape[1] == 1350, "9 inches at 150 dpi"
         image = image[::3, ::3]
         assert 0.002 < np.mean(image.min(axis=2) < 0.9) < 0.6, "neither blank nor filled"
+
+
+def test_a_figure_of_many_curves_has_those_that_account_for_most(tmp_path):
+    diagnosis = many()
+    own = diagnosis.attributes["curves"]
+    often = [{**c, "share": c["share"] + 0.001 * k} for k in range(8) for c in own]
+    diagnosis.attributes["curves"] = often
+    bins = {n: np.tile(v, (8, 1)) for n, v in diagnosis.arrays.items() if n.startswith("bin/")}
+    diagnosis.arrays.update(bins)
+    drawn = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            diagnosis_figures, "_draw_curve", lambda axis, d, k, row: drawn.append(often[row]) or []
+        )
+        write_figures(diagnosis, tmp_path)
+    assert imread(tmp_path / "localisation.png").shape[0] <= 150 * 24, "inches, of twelve rows"
+    kept = sorted(c["share"] for c in drawn if c["output"] == "q0")
+    assert kept == sorted(c["share"] for c in often if c["output"] == "q0")[-len(kept) :]
 
 
 # ---- the terminal ----

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -122,6 +123,9 @@ def _localisation(diagnosis: Diagnosis) -> Figure:
     outputs = range(min(FIGURE_PARTS.most_outputs, len(diagnosis.attributes["outputs"])))
     drawn = {k: found for k in outputs if (found := drawn_curves(diagnosis, k))}
     columns = localisation_columns(max(len(found) for found in drawn.values()))
+    # where there are many, as for the outputs the rest is for the page
+    most = columns * max(1, 2 * FIGURE_PARTS.most_outputs // len(drawn))
+    drawn = {k: _most_telling(diagnosis, found, most) for k, found in drawn.items()}
     heights = {k: -(-len(found) // columns) for k, found in drawn.items()}
     figure = new_figure(0.5 + 1.9 * sum(heights.values()))
     axes = figure.subplots(sum(heights.values()), columns, squeeze=False)
@@ -135,6 +139,12 @@ def _localisation(diagnosis: Diagnosis) -> Figure:
             axis.set_visible(False)
     legend(figure, handles)
     return figure
+
+
+def _most_telling(diagnosis: Diagnosis, rows: Sequence[int], most: int) -> list[int]:
+    """Of the curves `rows` those that account for most, in their order."""
+    share = [diagnosis.attributes["curves"][row]["share"] for row in rows]
+    return [rows[k] for k in sorted(np.argsort(share, kind="stable")[::-1][:most])]
 
 
 def _draw_curve(axis, diagnosis: Diagnosis, k: int, row: int) -> list:
