@@ -46,7 +46,7 @@ class DiagnoseOptions(FittingLog):
         typer.Option(
             min=0,
             max=1e7,
-            help="Seconds until all is done, with the best so far, as a whole result that says what is left out.",
+            help="Seconds until all but the report is done, with the best so far; the result says what is left out.",
         ),
     ] = None
     fail_on: Verdicts = frozenset()
