@@ -220,10 +220,12 @@ def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere
 
 
 def test_a_fit_of_play_escapes_from_its_minimum_when_it_is_asked_to(tmp_path):
-    prepared, truth = planted(tmp_path, "backlash@x.width=0.03", timestep=0.002)
+    prepared, truth = planted(tmp_path, "backlash@x.width=0.06", timestep=0.002)
     placed = [Placed("backlash", REGISTRY.get("backlash")(prepared.task.model, "x"))]
     fits = ModelFits(prepared, 1)
-    descended = fits.fit(prepared, placed, truth, effort=Effort(escapes=False))
+    narrower = truth.copy()
+    narrower[-len(placed[0].effect.parameters)] *= 0.8
+    descended = fits.fit(prepared, placed, narrower, effort=Effort(escapes=False))
     escaped = fits.escaped(prepared, placed, descended.point, near=descended, effort=Effort())
     assert escaped.error < 1.05 < descended.error
 

@@ -1,6 +1,7 @@
-"""A Gauss-Newton descent in the unit cube with a trust region, the starts of all windows eliminated as nuisances.
+"""A Gauss-Newton descent in the unit cube with a trust region, the initial states of all windows eliminated.
 
-Nocedal & Wright, Numerical Optimization, 2nd ed., sections 10.3 and 4.1.
+Nocedal & Wright, Numerical Optimization, 2nd ed., sections 10.3 and 4.1. At every trial point the initial states are
+minimized over, window by window, as in variable projection (Golub & Pereyra 1973): F(x) = sum_w min_z f_w(x, z).
 """
 
 from __future__ import annotations
@@ -23,42 +24,38 @@ from capture_cli.estimate.solve.linearization import (
 @frozen
 class SETTINGS:
     radius: float = 0.25  # of the unit cube, the first trust region
-    # step lengths tried at once after a step that failed
-    shrink: tuple[float, ...] = (1.0, 0.25, 0.0625, 0.015625)
+    shrink: float = 0.25  # of a step that failed: the next trust region
+    most_failed: int = 3  # steps in a row, each shorter than the last, by sensitivities that were measured
     # Of the objective over k: less that is promised and not kept is lost in roughness; where contacts make
     # the error rough, more, or a descent goes on for a hundred rounds by a tenth of a standard error at a
     # time.
     lost: float = 0.1
     lost_if_rough: float = 0.5
-    most_vain: int = 2  # rounds of shorter steps, one after the other, that bring less than that
-    # Rounds from where it begins after which k is held. It depends on the residual and the residual on it:
+    most_vain: int = 2  # steps, one after the other, that were shortened and bring less than that
+    # Steps from where it begins after which k is held. It depends on the residual and the residual on it:
     # where the model is wrong the two can chase each other for ever.
     settled: int = 15
-    # of the unit cube: a trust region this small has lost touch with the error's shape
-    collapsed: float = 1e-3
     # Beyond FAR noise floors there is no exact fit to be had: a tolerance of 1 is this share of the
     # objective, at least
     far: float = 2.0
     share: float = 0.03
-    restarts: int = 2  # times that a descent begins anew where it is
     searches: int = 3  # times that it looks for windows that got stuck
-    # share of the error at the last restart above which another would end in the same place
-    stuck: float = 0.999
     updates: int = 3  # steps in a row with sensitivities that were updated rather than measured
     pace: int = 8  # rounds: how fast a descent goes is how far it came in these
-    # A window goes back alone from a step that helps the others where its objective grows by SPOILT, over k,
-    # and takes all that they gain; where they gain more, only if it grows to RUNAWAY times what it was and
-    # SPOILT.
-    spoilt: float = 9.0
-    runaway: float = 2.0
+    damped: tuple[float, ...] = (
+        0.1,
+        1.0,
+        10.0,
+    )  # of a window's curvature: by what its initial states move less
     let_go: float = 10.0  # a window's damping is so many times less after each step
 
 
 class Descent:
     """One Gauss-Newton descent in the unit cube, from x (parameter,); known: as of `Identifier`.
 
-    Given the parameters the objective is a sum over windows, so the starts of each have a damping of their own: a
-    window whose start ran away (a contact lost, a joint that sticks) goes back alone, the others keep their step.
+    Given the parameters the objective is a sum over windows. So a window that a step makes worse than foreseen (a
+    contact lost, a joint that sticks) is simulated again alone, with initial states that move less or not at all, and
+    takes the best; the others keep their step. Each window has a damping of its own.
     """
 
     def __init__(
@@ -79,6 +76,7 @@ class Descent:
         self.converged = False
         self.stopped_early = False  # by whoever asks, who knows of a better one
         self.rounds = 0
+        self._moves = 0
         self._known = known
         self._measured = measured
         self._at: Linearization | None = None
@@ -87,16 +85,15 @@ class Descent:
         self._radius = SETTINGS.radius
         self._damping = np.zeros(len(data.start_sd))
         self._windows: np.ndarray | None = None  # that a trial concerns, where not all
-        self._repairing = False
         self._promised = np.inf
-        self._carry = False
-        self._restarts, self._searches = SETTINGS.restarts, SETTINGS.searches
+        self._tried = ()  # the step that windows are asked for again with
+        self._failed = 0
         self._vain = 0
-        self._restarted_with = np.inf
+        self._searches = SETTINGS.searches
         self._errors: list[float] = []  # after each round
         self._promises: list[float] = []  # the least error by each linearization that was measured
         self._since = np.inf  # the objective at the last of them
-        self._try(self.x, self.offsets)
+        self._measure()
 
     @property
     def best(self) -> Best:
@@ -104,7 +101,7 @@ class Descent:
 
     @property
     def at(self) -> Linearization | None:
-        """The linearization where it is; None where it is about to be measured."""
+        """The linearization where it is, measured there or updated; None before the first."""
         return self._at
 
     @property
@@ -131,15 +128,18 @@ class Descent:
 
     def ask(self) -> Trial:
         """One candidate, with its finite differences where they are due; or several without, to choose from."""
-        if self._told == self._tell_candidate and not self._carry:
+        if self._told == self._tell_measured:
             return columns(self.data, *self._trials[0], known=self._known)
         x, offsets = (np.stack(part) for part in zip(*self._trials, strict=True))
         return Trial(self.data.space.from_unit(x), offsets, self._windows)
 
     def tell(self, outputs, diverged):
-        self.rounds += 1
+        """A trial of few windows is no round of its own."""
+        of_all = self._windows is None
         self._told(outputs, diverged)
-        self._errors.append(self.error)
+        if of_all:
+            self.rounds += 1
+            self._errors.append(self.error)
 
     def would_reach(self, error: float, rounds: int) -> bool:
         """Whether it gets down to `error` in so many more rounds if it goes on as in the last `pace`."""
@@ -152,74 +152,94 @@ class Descent:
         """Whether the last two linearizations that were measured put their least error above `error`."""
         return len(self._promises) > 1 and min(self._promises[-2:]) > error
 
-    def _try(self, x: np.ndarray, offsets: np.ndarray) -> None:
-        """Ask next for the point x (parameter,) with starts at `offsets`."""
-        self._trials, self._told = [(x, offsets)], self._tell_candidate
+    def _measure(self) -> None:
+        """Ask next for the sensitivities where it is."""
+        self._trials, self._told = [(self.x, self.offsets)], self._tell_measured
 
-    def _tell_candidate(self, outputs, diverged) -> None:
+    def _tell_measured(self, outputs, diverged) -> None:
         x, offsets = self._trials[0]
-        if self._carry:
-            there = self._at.moved(x, offsets, self.data.residual(outputs[0]))
-        else:
-            there = Linearization.from_columns(self.data, x, offsets, outputs, diverged)
-            if self._known is not None:
-                there, self._known = self._known.completed(there), None
-        if self._at is None:
-            if diverged[0].any() or not np.isfinite(there.residual).all():
-                self.converged = True
-            else:
-                self._move(there)
-                self._propose()
+        there = Linearization.from_columns(self.data, x, offsets, outputs, diverged)
+        if self._known is not None:
+            there, self._known = self._known.completed(there), None
+        if diverged[0].any() or not np.isfinite(there.residual).all():
+            self.converged = True
             return
-        before = self._at.objectives(self._k)
-        after = np.where(diverged[0], np.inf, there.objectives(self._k))
-        if after.sum() < before.sum():
-            self._accept(there, before, after)
-        else:
-            self._reject(x, offsets, before, after)
-
-    def _accept(self, there: Linearization, before: np.ndarray, after: np.ndarray) -> None:
-        k, back = self._k, self.offsets
-        gained = float((before - after).sum())
-        ran_away = after > SETTINGS.runaway * before + SETTINGS.spoilt * k
         self._move(there)
-        self._repairing = bool(ran_away.any())
-        if self._repairing:
-            self._carry = False
-            self._send_back(ran_away, self.x, self.offsets, back)
+        self._propose()
+
+    def _tell_step(self, outputs, diverged) -> None:
+        """Windows that are worse than foreseen are asked for again; with the others' step it is judged after that."""
+        x, offsets = self._trials[0]
+        k, at = self._k, self._at
+        before = at.objectives(k)
+        [after] = trial_objectives(self.data, offsets[None], outputs, diverged, k)
+        foreseen = before - at.predicted_gains(x - self.x, offsets, k)
+        self._tried = x, offsets, self.data.residual(outputs[0]), after
+        worse = (after > np.maximum(before, foreseen + k)) & (offsets != self.offsets).any(axis=1)
+        if not worse.any():
+            self._judge(*self._tried)
             return
-        self._damping = np.where(self._damping > 1e-3 * k, self._damping / SETTINGS.let_go, 0.0)
+        dampings = [self._damping + share * self._curvature for share in SETTINGS.damped]
+        damped = [at.start_offsets(x - self.x, k, damping) for damping in dampings]
+        self._trials = [(x, z) for z in (self.offsets, *damped)]
+        self._windows, self._told = np.flatnonzero(worse), self._tell_worse
+
+    @property
+    def _curvature(self) -> np.ndarray:
+        """Of each window's objective along its initial states, on average, (window,): of less, directions that show
+        little take no notice.
+        """
+        return np.trace(self._at.products[2], axis1=1, axis2=2) / max(len(self.data.movable), 1) + self._k
+
+    def _tell_worse(self, outputs, diverged) -> None:
+        """Each takes the best of its initial states; those that go back are damped."""
+        self._windows = None
+        x, offsets, residual, after = self._tried
+        others, values = self._trials_judged(outputs, diverged)
+        best, found = best_trials(others, values)
+        residuals = self.data.residual(outputs)[values.argmin(axis=0), np.arange(len(after))]
+        better = found < after
+        damping = np.maximum(SETTINGS.let_go * self._damping, self._curvature)
+        self._damping = np.where(better, damping, self._damping)
+        keep = better[:, None]
+        self._judge(
+            x,
+            np.where(keep, best, offsets),
+            np.where(keep, residuals, residual),
+            np.where(better, found, after),
+        )
+
+    def _judge(self, x: np.ndarray, offsets: np.ndarray, residual: np.ndarray, after: np.ndarray) -> None:
+        """Take the step to x (parameter,), where windows have the objectives `after` (window,), or not."""
+        gained = float((self._at.objectives(self._k) - after).sum())
+        if gained >= self._little:
+            self._accept(self._at.moved(x, offsets, residual), gained)
+        else:
+            self._reject(x)
+
+    def _accept(self, there: Linearization, gained: float) -> None:
+        self._damping = np.where(self._damping > 1e-3 * self._k, self._damping / SETTINGS.let_go, 0.0)
+        self._vain = self._vain + 1 if self._failed and gained < self._lost else 0
+        self._failed = 0
         self._radius = min(2 * self._radius, 1.0)
-        if gained < self._little:
-            self._settle()
-        elif self._updates > SETTINGS.updates:
-            self._refresh()
+        self._move(there)
+        if self._vain == SETTINGS.most_vain:
+            self._give_up()
+        elif self._updates > SETTINGS.updates or not self.x.size:
+            self._measure()
         else:
             self._propose()
 
-    def _reject(self, x: np.ndarray, offsets: np.ndarray, before: np.ndarray, after: np.ndarray) -> None:
-        spoilt = (after > before + SETTINGS.spoilt * self._k) & (offsets != self.offsets).any(axis=1)
-        if (before - after)[~spoilt].sum() > self._lost:
-            self._send_back(spoilt, x, offsets, self.offsets)
-        elif self._updates:
-            self._refresh()
-        elif self._repairing:
-            self._propose()
-        elif self._promised < self._lost:
+    def _reject(self, x: np.ndarray) -> None:
+        self._failed += not self._updates
+        if self._updates:
+            self._measure()
+        elif self._promised < self._lost or self._failed == SETTINGS.most_failed:
             self._give_up()
         else:
-            self._propose_shorter()
-
-    def _send_back(self, windows: np.ndarray, x: np.ndarray, offsets: np.ndarray, back: np.ndarray) -> None:
-        """Ask next for x (parameter,) with starts at `offsets`, those of the `windows` (window,) back and damped.
-
-        By what their objectives bend on average: of less, directions that show little take no notice. And `let_go`
-        times as much, which the step that they do not take lets go of.
-        """
-        bends = np.trace(self._at.products[2], axis1=1, axis2=2) / max(len(self.data.movable), 1)
-        damping = SETTINGS.let_go * np.maximum(SETTINGS.let_go * self._damping, bends + self._k)
-        self._damping = np.where(windows, damping, self._damping)
-        self._try(x, np.where(windows[:, None], back, offsets))
+            self._radius = SETTINGS.shrink * float(np.abs(x - self.x).max(initial=0.0))
+            self._damping = np.maximum(self._damping / SETTINGS.shrink, self._k)
+            self._propose()
 
     def _settle(self) -> None:
         """Nothing more to gain: done, if the sensitivities that say so were measured here, or need not be and nothing
@@ -227,7 +247,7 @@ class Descent:
         """
         gained = self._since - float(self._at.objectives(self._k).sum())
         if self._updates and (self._measured or gained > self._little):
-            self._refresh()
+            self._measure()
         elif self._searches:
             self._propose_other_starts()
         else:
@@ -243,11 +263,6 @@ class Descent:
     @property
     def _may_search(self) -> bool:
         return self._searches > 0 and len(self.data.hidden_tried) > 0
-
-    def _refresh(self) -> None:
-        """Measure the sensitivities at the point reached."""
-        self._at, self._carry = None, False
-        self._try(self.x, self.offsets)
 
     def _propose_other_starts(self) -> None:
         """Where each window might have got stuck: its start as it was measured, and hidden states elsewhere, which are
@@ -270,7 +285,7 @@ class Descent:
         if (before - found)[~keeps].sum() < self._little:
             self.converged = True
         else:
-            self._restart(self.x, np.where(keeps[:, None], self.offsets, best))
+            self._restart(np.where(keeps[:, None], self.offsets, best))
 
     def _trials_judged(self, outputs, diverged) -> tuple[np.ndarray, np.ndarray]:
         """Offsets (trial, window, state) of what was asked for, and objectives (trial, window): inf where lost."""
@@ -279,7 +294,8 @@ class Descent:
 
     def _move(self, there: Linearization) -> None:
         self._at, self.x, self.offsets = there, there.x, there.offsets
-        if self.rounds <= self._settled:
+        self._moves += 1
+        if self._moves <= self._settled:
             self._k = there.inflation
         self.error = float(np.sqrt(np.square(there.residual).sum() / self.data.count))
         if not there.updates:
@@ -297,75 +313,22 @@ class Descent:
 
     def _propose(self) -> None:
         k = self._k
-        self._repairing = False
         dx = self._step(self._radius, self._damping)
         offsets = self._at.start_offsets(dx, k, self._damping)
         self._promised = self._at.predicted_gain(dx, offsets, k)
         if self._promised < self._little:
             self._settle()
             return
-        self._carry = self.x.size > 0
-        self._try(np.clip(self.x + dx, 0, 1), offsets)
+        self._trials, self._told = [(np.clip(self.x + dx, 0, 1), offsets)], self._tell_step
 
-    def _propose_shorter(self) -> None:
-        """Shorter steps in parameters and starts, in parameters alone and in starts alone, tried at once."""
-        k = self._k
-        self._carry = False
-        still = np.zeros_like(self.x)
-        together, held, alone = [], [], []
-        for factor in SETTINGS.shrink:
-            damping = self._shorter_damping(factor, k)
-            dx = self._step(self._radius * factor / 4, damping)
-            x = np.clip(self.x + dx, 0, 1)
-            together.append((x, self._at.start_offsets(dx, k, damping)))
-            held.append((x, self.offsets))
-            alone.append((self.x, self._at.start_offsets(still, k, damping - k)))
-        self._trials, self._told = [*together, *held, *alone], self._tell_shorter
-
-    def _tell_shorter(self, outputs, diverged) -> None:
-        """Given the parameters, each window takes the start that is best for it; those that keep theirs are damped."""
-        k = self._k
-        before = self._at.objectives(k)
-        offsets, values = self._trials_judged(outputs, diverged)
-        together, held, alone = values.reshape(3, len(SETTINGS.shrink), -1)
-        chosen = int(np.argmin(np.minimum(together, held).sum(axis=1)))
-        moved = np.minimum(together[chosen], held[chosen]).sum()
-        moves, found = best_trials(offsets[2 * len(SETTINGS.shrink) :], alone)
-        stayed = np.minimum(found, before).sum()
-        factor = SETTINGS.shrink[chosen] if moved < before.sum() else SETTINGS.shrink[-1]
-        self._radius *= factor / 4
-        if moved < min(stayed, before.sum()):
-            keeps = held[chosen] < together[chosen]
-            better = self._trials[chosen][0], np.where(keeps[:, None], self.offsets, offsets[chosen])
-        else:
-            keeps = before <= found
-            better = self.x, np.where(keeps[:, None], self.offsets, moves)
-        self._damping[keeps] = self._shorter_damping(factor, k)[keeps]
-        gained = before.sum() - min(moved, stayed)
-        self._vain = self._vain + 1 if gained < self._lost else 0
-        collapsed = self._radius < SETTINGS.collapsed
-        if self._vain == SETTINGS.most_vain or (collapsed and self._may_search):
-            self._give_up()
-        elif collapsed and self._restarts and self.error < SETTINGS.stuck * self._restarted_with:
-            self._restarts -= 1
-            self._restart(*better)
-        elif gained > self._little:
-            self._try(*better)
-        else:
-            self._propose_shorter()
-
-    def _restart(self, x: np.ndarray, offsets: np.ndarray) -> None:
-        """Go on from x (parameter,) and `offsets` as if begun there: steps that failed elsewhere do not count."""
-        self._restarted_with = self.error
-        self._settled = self.rounds + SETTINGS.settled
-        self._vain = 0
+    def _restart(self, offsets: np.ndarray) -> None:
+        """Go on from `offsets` (window, state) as if begun there: steps that failed elsewhere do not count."""
+        self._settled = self._moves + SETTINGS.settled
+        self._vain = self._failed = 0
         self._radius = SETTINGS.radius
         self._damping[:] = 0.0
-        self.x, self.offsets = x, offsets
-        self._refresh()
-
-    def _shorter_damping(self, factor: float, k: float) -> np.ndarray:
-        return self._damping + k * (4 / factor - 1) / 3
+        self.offsets = offsets
+        self._measure()
 
     def _step(self, radius: float, damping: np.ndarray) -> np.ndarray:
         """The Gauss-Newton step (parameter,) within the trust region and the unit cube."""

@@ -64,6 +64,7 @@ class LeastSquares(Identifier):
         self._screening = self.starts > 1 and len(self.space) > 0
         self._descents = [] if self._screening else [self._descent(self.space.to_unit(self.start))]
         self._asked: list[tuple[Descent, int]] = []
+        self._of_few = False
 
     @property
     def at_rest(self) -> bool:
@@ -95,6 +96,7 @@ class LeastSquares(Identifier):
             return Trial(self.space.from_unit(points), offsets)
         trials = [d.ask() for d in self._active()]
         self._asked = [(d, len(t)) for d, t in zip(self._active(), trials, strict=True)]
+        self._of_few = all(t.windows is not None for t in trials)
         if len(trials) == 1:
             return trials[0]
         return Trial(
@@ -106,6 +108,7 @@ class LeastSquares(Identifier):
             self._begin(outputs, diverged)
             self.rounds_left += 1  # a search of one round is to end somewhere
             return
+        self.rounds_left += self._of_few  # for these a round of few windows is none
         first = 0
         for descent, size in self._asked:
             descent.tell(outputs[first : first + size], diverged[first : first + size])
