@@ -19,15 +19,15 @@ from capture_cli.select.forward_round import SETTINGS as FORWARD_ROUND
 from capture_cli.select.forward_round import by_score, reject_at_first_sight
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.rejection import SETTINGS as REJECTION
-from capture_cli.select.rejection import implausible, needed_error, no_gain, slight
+from capture_cli.select.rejection import implausible, leaves_something, needed_error, no_gain, slight
 from capture_cli.select.score import similarity
 
 
 class BalanceRound:
     """What may be added to the model `current`, of the candidates that the screening covers.
 
-    most: effects, or laws at all of their places, to add. on_step is told what is being tried, the number of it, and of
-    how many.
+    most: effects, or laws at all of their places, to add. useful_error: above which a model is of no use. on_step is
+    told what is being tried, the number of it, and of how many.
 
     ranked: candidates that their scores speak for, best first.
     """
@@ -40,10 +40,12 @@ class BalanceRound:
         candidates: Sequence[Candidate],
         *,
         most: int,
+        useful_error: float,
         on_step: Callable[[str, int, int], None],
     ):
         self.models = models
         self.current = current
+        self.useful_error = useful_error
         self.on_step = on_step
         self.candidates = {c.name: c for c in candidates}
         score_in_balance(screening, current, candidates)
@@ -176,15 +178,16 @@ class BalanceRound:
     def _fitted(self, model: BalancedModel, smaller: Fit) -> list[FittedSet]:
         """The model fitted by simulation, if it holds on what judges and explains materially more than `smaller`."""
         added = model.effects[len(self.current.effects) :]
-        needed = needed_error(smaller, REJECTION.material)
+        needed = min(needed_error(smaller, REJECTION.material), self.useful_error)
         rival = self._best
         effort = Effort(rival=rival, needed=needed, escapes=False)
         fit = self.models.fit(model.effects, model.start, self.current, effort)
         reason = self._unfit(fit, added, smaller) or self._unsupported(fit, added)
+        if not reason:
+            fit = self.models.escaped(fit, rival, self.useful_error)
+            reason = leaves_something(self.current, fit, self.useful_error)
         if reason:
             self._reject(added, reason)
-        else:
-            fit = self.models.escaped(fit, rival)
         self._best = least([rival, fit])
         return [] if reason else [FittedSet(added, fit, self.models.judge(fit))]
 

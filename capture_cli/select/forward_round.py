@@ -16,7 +16,7 @@ from capture_cli.select.candidates import Candidate, score_at_null, worth_a_refi
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.narrow_peaks import NarrowPeaks
 from capture_cli.select.rejection import SETTINGS as REJECTION
-from capture_cli.select.rejection import implausible, needed_error, no_gain, slight
+from capture_cli.select.rejection import implausible, leaves_something, needed_error, no_gain, slight
 from capture_cli.select.score import similarity
 from capture_cli.select.score_checkpoint import kept_scores
 
@@ -85,8 +85,8 @@ class ForwardRound:
     """What may be added to the model `current`.
 
     candidates: those that are not in it. patient: whether the next best are fitted, too, where the best do not hold.
-    rival: of effects that are not among them; a fit that stays far behind it is stopped early. on_step is told what is
-    being tried, the number of it, and of how many.
+    rival: of effects that are not among them; a fit that stays far behind it is stopped early. useful_error: above
+    which a model is of no use. on_step is told what is being tried, the number of it, and of how many.
 
     ranked: candidates that their scores speak for, best first. supported: those that hold on what judges, and laws at
     all of the places where they do, which may take little at each.
@@ -100,11 +100,13 @@ class ForwardRound:
         *,
         patient: bool,
         rival: Fit | None = None,
+        useful_error: float = np.inf,
         on_step: Callable[[str, int, int], None],
     ):
         self.models = models
         self.current = current
         self.rival = rival
+        self.useful_error = useful_error
         self.tried = len(candidates)
         self.on_step = on_step
         Scores(models, current, on_step).score(candidates)
@@ -146,7 +148,10 @@ class ForwardRound:
             best = least([best, candidate.fit])
             if candidate.why_rejected is None:
                 self._held.append(candidate)
-                candidate.why_rejected = slight(self.current, candidate.fit, material)
+                reason = slight(self.current, candidate.fit, material)
+                candidate.why_rejected = reason or leaves_something(
+                    self.current, candidate.fit, self.useful_error
+                )
         return [c for c in candidates if c.why_rejected is None]
 
     def _refit(
@@ -157,6 +162,7 @@ class ForwardRound:
         """
         current = self.current
         needed = needed_error(current, material) if candidate.placed.effect.states else np.inf
+        needed = min(needed, self.useful_error)
         # the current parameters, moved along with the effect's linear step
         declared = current.space.from_unit(current.at.x + candidate.score.parameters)
         starts = [s for s in (candidate.start, candidate.start_elsewhere) if s is not None]
@@ -177,7 +183,7 @@ class ForwardRound:
         reason = candidate.support.reason_against_entry()
         candidate.why_rejected = reason or implausible(self.models, current, fit, candidate.placed)
         if candidate.why_rejected is None:
-            candidate.fit = self.models.escaped(fit, rival)
+            candidate.fit = self.models.escaped(fit, rival, self.useful_error)
             candidate.select = self.models.judge(candidate.fit)
 
     def _at_places(self) -> list[FittedSet]:

@@ -15,6 +15,7 @@ from capture_cli.estimate.model_fits import USUAL, Effort, ModelFits, searched
 from capture_cli.estimate.noise.autocorrelation import correlation_samples
 from capture_cli.estimate.noise.lack_of_fit import lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
+from capture_cli.estimate.solve.least_squares import SETTINGS as LEAST_SQUARES
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.balance_scores import screening_of
 from capture_cli.select.candidates import Candidate
@@ -175,12 +176,12 @@ class ModelComparison:
                 break
         return found
 
-    def escaped(self, fit: Fit, rival: Fit | None) -> Fit:
+    def escaped(self, fit: Fit, rival: Fit | None, useful_error: float) -> Fit:
         """`fit`, or where the escape from a minimum leads that hidden states make, taken for the one of its effects.
 
-        The escape takes longer than the fit, and is for what holds without it.
+        The escape takes longer than the fit, and is for what holds without it, not far above `useful_error`.
         """
-        if not searched(fit.effects):
+        if not searched(fit.effects) or fit.error > LEAST_SQUARES.hopeless * useful_error:
             return fit
         effort = Effort(seed=self.seed, rival=rival)
         found = self.fits.escaped(self.fit_part, fit.effects, fit.point, near=fit, effort=effort)

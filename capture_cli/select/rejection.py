@@ -84,3 +84,13 @@ def slight(current: Fit, fit: Fit, material: float) -> str | None:
         return None
     share = taken / max(current.excess, abs(taken))
     return f"it takes {share:.1%} of what is above the noise floor: that is no explanation of it"
+
+
+def leaves_something(current: Fit, fit: Fit, useful_error: float) -> str | None:
+    """What speaks against a `fit` that takes little of what the declared model left and is not below `useful_error`."""
+    if fit.error <= useful_error:
+        return None
+    return (
+        f"the model without it leaves little, {current.error:.3g} times the noise floor, and with it {fit.error:.3g} "
+        "are left all the same: a correction of a model that is wrong otherwise"
+    )

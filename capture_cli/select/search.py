@@ -18,6 +18,7 @@ from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
+from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.effects.placed import Placed
@@ -41,7 +42,6 @@ class SETTINGS:
     # way that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one
     # alone comes near the floor.
     minor: float = 0.05
-    most_minor: int = 2
     as_much: float = (
         0.8  # of an effect's score, with the others in: what has more may be what is there in its place
     )
@@ -147,8 +147,6 @@ class Attribution:
                 continue
             found = self._split(found, self.accepted[known:])
             current = self._keep(self._backward(found, self.accepted, Support.reason_against_entry))
-            if len(self._minor) >= SETTINGS.most_minor and not self.models.is_explained(current):
-                break
         current = self._without_minor(current)
         current = self._keep(self._backward(current, self.accepted, Support.reason_against))
         self._ask_again(current)
@@ -183,6 +181,14 @@ class Attribution:
             )
             current = without
         return current
+
+    def _useful_error(self, current: Fit) -> float:
+        """The error above which a model with more than `current` is of no use: near the floor, where `current` leaves
+        so little that whatever comes next is minor.
+        """
+        if current.excess >= SETTINGS.minor * self.excess:
+            return np.inf
+        return max(LACK_OF_FIT.near_floor, lack_of_fit(current.at).threshold)
 
     def _split(self, current: Fit, newest: Sequence[Accepted]) -> Fit:
         """`current` with each of the `newest` effects that is at all places at once at each of them on its own, where
@@ -259,6 +265,7 @@ class Attribution:
             current,
             [c for c in self._outside if c.name in screening.covered],
             most=self.most_effects - self._count,
+            useful_error=self._useful_error(current),
             on_step=self._step,
         )
 
@@ -298,6 +305,7 @@ class Attribution:
             outside,
             patient=not (self.accepted or rival),
             rival=rival and rival[0].fit,
+            useful_error=self._useful_error(current),
             on_step=self._step,
         )
         return found.choose()
