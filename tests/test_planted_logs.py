@@ -12,6 +12,7 @@ from benchmarks._planted_logs.cases import (
     KINDS,
     NO_SIZE,
     NOTHING,
+    PAIR,
     PLANTED,
     WEAK,
     WEAK_MAGNITUDES,
@@ -100,6 +101,12 @@ def test_a_weak_effect_shows_in_a_parameter_and_hardly_in_the_error():
 def test_what_moves_no_output_is_nothing_to_find():
     with pytest.raises(NothingToFind, match=r"at most 1 times the noise"):
         built(Case(PLANTED, "slider", ("gravity-magnitude",), 3.0, 0))
+
+
+def test_two_effects_of_a_pair_may_have_parameters_of_one_name_at_one_place():
+    pair = ("control-lag@flexor", "control-second-order-lag@flexor")
+    _, _, truth = built(Case(PAIR, "finger", pair, 3.0, 0))
+    assert all(truth.effects[name]["time_constant"] > 0 for name in pair)
 
 
 def test_nothing_missing_leaves_nothing():

@@ -90,7 +90,8 @@ class Experiment:
         """
         point = np.concatenate([self.parameters, *(values for _, values in planted)])
         whole = self.cut(np.zeros_like(self.noise), None)
-        simulator = Simulator(self.task, [("planted", effect) for effect, _ in planted], threads=1)
+        named = [(f"planted-{number}", effect) for number, (effect, _) in enumerate(planted)]
+        simulator = Simulator(self.task, named, threads=1)
         simulated = simulator.simulate(whole, self.starts, point[None], logged=True)
         return None if simulated.diverged.any() else simulated.outputs[0][whole.mask]
 
