@@ -59,9 +59,9 @@ def test_friction_of_one_tree_is_nothing_to_another(model, inertia):
     whole = dry_friction(model, inverse, applied, velocity, sd, loss)
     held = np.abs(whole) < 0.999 * loss
     assert 0.1 < held.mean() < 0.9
-    # what is left out has none, and the others are the same to the last bit, whatever is applied elsewhere
-    where = np.zeros(loss.shape, dtype=bool)
-    where[:20, 3:] = True
-    other = np.where(where, applied, 7.0)
-    some = dry_friction(model, inverse, other, velocity, sd, loss, where=where)
-    np.testing.assert_array_equal(some, np.where(where, whole, 0.0))
+    # to the last bit, whatever the others do
+    asked = np.zeros(loss.shape, dtype=bool)
+    asked[:20, 3:] = True
+    other = np.where(asked, applied, 7.0)
+    some = dry_friction(model, inverse, other, velocity, sd, np.where(asked, loss, 0.0))
+    np.testing.assert_array_equal(some, np.where(asked, whole, 0.0))

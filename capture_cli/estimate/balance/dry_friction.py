@@ -29,29 +29,27 @@ def dry_friction(
     velocity: np.ndarray,
     velocity_sd: np.ndarray,
     loss: np.ndarray,
-    *,
-    where: np.ndarray | None = None,
 ) -> np.ndarray:
     """Generalised forces of friction (point, nv), the mean over velocities that are known with velocity_sd (nv,).
 
-    inverse (point, nv, nv): of the inertia; applied (point, nv): all other forces; loss (point, nv): frictionloss.
-    where (point, nv): trees in which it is false are left out, and have none. With A the diagonal of the inverse,
-    R = (1 - d) / d times `dof_invweight0` and the reference acceleration -b v, each is
+    inverse (point, nv, nv): of the inertia; applied (point, nv): all other forces; loss (point, nv): frictionloss. With
+    A the diagonal of the inverse, R = (1 - d) / d times `dof_invweight0` and the reference acceleration -b v, each is
 
         f = -(a + b v) / (A + R), no larger than its loss,
 
     where a is the acceleration without it (MuJoCo, Computation: friction loss; d and b from solimp and solref). What
-    one tree holds is nothing to another, so that each is worked out by itself, and those of one size side by side.
+    one tree holds is nothing to another, so that each is worked out by itself, where it has losses, and those of one
+    size side by side.
     """
     force, lanes = np.zeros_like(applied), {}
     damping, softness = _reference(model)
+    each = (damping * velocity, damping * velocity_sd, softness, applied, loss)
+    each = [np.broadcast_to(values, applied.shape) for values in each]
     for own in trees(model):
-        asked = loss[:, own].any(axis=1) & (True if where is None else where[:, own].any(axis=1))
-        if asked.any():
-            lanes.setdefault(own.stop - own.start, []).append((np.flatnonzero(asked), own))
+        rows = np.flatnonzero(loss[:, own].any(axis=1))
+        if rows.size:
+            lanes.setdefault(own.stop - own.start, []).append((rows, own))
     for alike in lanes.values():
-        each = (damping, softness, applied, velocity, velocity_sd, loss)
-        each = (np.broadcast_to(values, applied.shape) for values in each)
         found = _in_trees(
             np.concatenate([inverse[rows, own, own] for rows, own in alike]),
             *(np.concatenate([values[rows, own] for rows, own in alike]) for values in each),
@@ -65,20 +63,22 @@ def dry_friction(
 
 def _in_trees(
     inverse: np.ndarray,
-    damping: np.ndarray,
+    reference: np.ndarray,
+    reference_sd: np.ndarray,
     softness: np.ndarray,
     applied: np.ndarray,
-    velocity: np.ndarray,
-    velocity_sd: np.ndarray,
     loss: np.ndarray,
 ) -> np.ndarray:
-    """As `dry_friction`, (lane, dof), each lane being a tree at a point; damping, softness: as of `_reference`."""
+    """As `dry_friction`, (lane, dof), each lane being a tree at a point.
+
+    reference, reference_sd: b v, and how well it is known; softness: R.
+    """
     force = np.zeros_like(applied)
     moved = np.flatnonzero(loss.any(axis=0))
     free = (inverse @ applied[..., None])[..., 0]
     diagonal = inverse.diagonal(axis1=1, axis2=2)
     total = diagonal + softness
-    reference, sd = damping * velocity, damping * velocity_sd / total
+    sd = reference_sd / total
     left: np.ndarray | slice = slice(None)
     for sweep in range(SETTINGS.sweeps if moved.size > 1 else 1):
         here, before = inverse[left], force[left]

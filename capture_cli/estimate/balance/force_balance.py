@@ -615,18 +615,15 @@ class ForceBalance:
         loss: np.ndarray,
         state: tuple[np.ndarray, ...],
         here: np.ndarray | slice = slice(None),
-        where: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Dry friction (point, nv) at the points `here` where forces are `applied` (point, nv) beside it. where: as of
-        `dry_friction`.
+        """Dry friction (point, nv) at the points `here` where forces are `applied` (point, nv) beside it.
 
         What is at rest has none, and the acceleration that it has.
         """
         rest = self.at_rest[here]
         begins = state[1] - self._half * state[2]
         driven = np.where(rest, state[2], applied)
-        loss = np.where(rest, 0.0, loss)
-        return dry_friction(model, inverse, driven, begins, self.speed_sd, loss, where=where)
+        return dry_friction(model, inverse, driven, begins, self.speed_sd, np.where(rest, 0.0, loss))
 
     def _of_one_force(self, effect: Effect, values: np.ndarray) -> Accelerations:
         world, runner, smooth, inverse, base = self._world
@@ -689,7 +686,8 @@ class ForceBalance:
         applied = (self._null.applied - self._null.friction)[at] + acts[some]
         state = tuple(s[at] for s in self.state)
         inverse = self._own_inverse_mass[at]
-        friction = self._friction(self._model, inverse, applied, loss[some], state, at, changed[some])
+        felt = np.where(changed[some], loss[some], 0.0)
+        friction = self._friction(self._model, inverse, applied, felt, state, at)
         found = np.zeros_like(acts)
         found[some] = np.where(changed[some], friction - self._null.friction[at], 0.0)
         return found

@@ -25,7 +25,8 @@ class ConstantForce(ObjectEffect):
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.is_free = model.jnt_type[self.number] == FREE
+        self.joint = self.number  # as other effects on a joint have it
+        self.is_free = model.jnt_type[self.joint] == FREE
 
     @classmethod
     def suited(cls, model):
