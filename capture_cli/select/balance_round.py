@@ -26,8 +26,8 @@ from capture_cli.select.score import similarity
 class BalanceRound:
     """What may be added to the model `current`, of the candidates that the screening covers.
 
-    most: effects, or laws at all of their places, to add. useful_error: above which a model is of no use. on_step is
-    told what is being tried, the number of it, and of how many.
+    most: effects, or laws at all of their places, to add. on_step is told what is being tried, the number of it, and of
+    how many.
 
     ranked: candidates that their scores speak for, best first.
     """
@@ -40,12 +40,11 @@ class BalanceRound:
         candidates: Sequence[Candidate],
         *,
         most: int,
-        useful_error: float,
         on_step: Callable[[str, int, int], None],
     ):
         self.models = models
         self.current = current
-        self.useful_error = useful_error
+        self.useful_error = models.useful_error(current)
         self.on_step = on_step
         self.candidates = {c.name: c for c in candidates}
         score_in_balance(screening, current, candidates)

@@ -85,8 +85,8 @@ class ForwardRound:
     """What may be added to the model `current`.
 
     candidates: those that are not in it. patient: whether the next best are fitted, too, where the best do not hold.
-    rival: of effects that are not among them; a fit that stays far behind it is stopped early. useful_error: above
-    which a model is of no use. on_step is told what is being tried, the number of it, and of how many.
+    rival: of effects that are not among them; a fit that stays far behind it is stopped early. on_step is told what is
+    being tried, the number of it, and of how many.
 
     ranked: candidates that their scores speak for, best first. supported: those that hold on what judges, and laws at
     all of the places where they do, which may take little at each.
@@ -100,13 +100,12 @@ class ForwardRound:
         *,
         patient: bool,
         rival: Fit | None = None,
-        useful_error: float = np.inf,
         on_step: Callable[[str, int, int], None],
     ):
         self.models = models
         self.current = current
         self.rival = rival
-        self.useful_error = useful_error
+        self.useful_error = models.useful_error(current)
         self.tried = len(candidates)
         self.on_step = on_step
         Scores(models, current, on_step).score(candidates)

@@ -13,6 +13,7 @@ from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.fit import Fit, least
 from capture_cli.estimate.model_fits import USUAL, Effort, ModelFits, searched
 from capture_cli.estimate.noise.autocorrelation import correlation_samples
+from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
 from capture_cli.estimate.noise.lack_of_fit import lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.solve.least_squares import SETTINGS as LEAST_SQUARES
@@ -43,6 +44,10 @@ class SETTINGS:
     same_response: float = 0.9999
     # beyond which an effect that has parameters more is tied, too, if it does no better: a lag of either order, a delay
     same_here: float = 0.999
+    # Of what the declared model leaves above the noise floor: one that takes less is minor. A model that is wrong in a
+    # way that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one
+    # alone comes near the floor.
+    minor: float = 0.05
 
 
 _NOT_MADE = object()
@@ -70,6 +75,8 @@ class ModelComparison:
     """Models of one log, which differ in their effects.
 
     folds: what is fitted, and what judges; nothing judges where the log is one window long.
+
+    excess: squared error above the noise floor of the declared model.
     """
 
     def __init__(self, fits: ModelFits, folds: Folds, *, seed: int):
@@ -77,6 +84,7 @@ class ModelComparison:
         self.folds = folds
         self.fit_part = fits.prepared.part(folds.fit)
         self.seed = seed
+        self.excess = REGRESSION.tiny
         self.candidates: Sequence[Candidate] = ()
         self._screening: Screening | object | None = _NOT_MADE
         self._about: tuple[Fit, Screening] | None = None
@@ -110,6 +118,14 @@ class ModelComparison:
             return False
         own = PartFit.of(both.at).rows(judged[seen])
         return not lack_held_out(own.data, own.residual).lacking
+
+    def useful_error(self, current: Fit) -> float:
+        """The error above which a model with more than `current` is of no use: near the floor, where `current` leaves
+        so little that whatever comes next is minor.
+        """
+        if current.excess >= SETTINGS.minor * self.excess:
+            return np.inf
+        return max(LACK_OF_FIT.near_floor, lack_of_fit(current.at).threshold)
 
     def screening_about(self, fit: Fit, on_step: Callable[[str, int, int], None]) -> Screening | None:
         """Of the `candidates` in the force balance of a model; None where there is none."""

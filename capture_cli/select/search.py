@@ -18,7 +18,6 @@ from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
-from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.effects.placed import Placed
@@ -29,6 +28,7 @@ from capture_cli.select.criterion import Support
 from capture_cli.select.forward_round import SETTINGS as FORWARD_ROUND
 from capture_cli.select.forward_round import ForwardRound, Scores, by_score
 from capture_cli.select.log_parts import Folds
+from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import TIED, WORSE, FittedSet, ModelComparison
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import implausible
@@ -38,10 +38,6 @@ from capture_cli.select.score import Score
 @frozen
 class SETTINGS:
     most_effects: int = 6
-    # Of what the declared model leaves above the noise floor: one that takes less is minor. A model that is wrong in a
-    # way that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one
-    # alone comes near the floor.
-    minor: float = 0.05
     as_much: float = (
         0.8  # of an effect's score, with the others in: what has more may be what is there in its place
     )
@@ -107,7 +103,6 @@ class Attribution:
         self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
         self.models.candidates = self.candidates
         self.accepted: list[Accepted] = []
-        self.excess = REGRESSION.tiny  # squared error above the noise floor of the declared model
         self.out_of_time = False
 
     def run(self, declared: Fit) -> Fit:
@@ -135,7 +130,7 @@ class Attribution:
         while self._count < self.most_effects and not self.models.is_explained(current):
             known = len(self.accepted)
             if not known:
-                self.excess = max(current.excess, REGRESSION.tiny)
+                self.models.excess = max(current.excess, REGRESSION.tiny)
             found = self._next(current)
             if found is None:
                 break
@@ -163,7 +158,7 @@ class Attribution:
     @property
     def _minor(self) -> list[Accepted]:
         """The last of the accepted effects, as far as they are minor."""
-        return list(takewhile(lambda a: a.share < SETTINGS.minor, reversed(self.accepted)))
+        return list(takewhile(lambda a: a.share < COMPARISON.minor, reversed(self.accepted)))
 
     def _without_minor(self, current: Fit) -> Fit:
         """`current` less the minor effects that came last, where they explain nothing after all."""
@@ -181,14 +176,6 @@ class Attribution:
             )
             current = without
         return current
-
-    def _useful_error(self, current: Fit) -> float:
-        """The error above which a model with more than `current` is of no use: near the floor, where `current` leaves
-        so little that whatever comes next is minor.
-        """
-        if current.excess >= SETTINGS.minor * self.excess:
-            return np.inf
-        return max(LACK_OF_FIT.near_floor, lack_of_fit(current.at).threshold)
 
     def _split(self, current: Fit, newest: Sequence[Accepted]) -> Fit:
         """`current` with each of the `newest` effects that is at all places at once at each of them on its own, where
@@ -265,7 +252,6 @@ class Attribution:
             current,
             [c for c in self._outside if c.name in screening.covered],
             most=self.most_effects - self._count,
-            useful_error=self._useful_error(current),
             on_step=self._step,
         )
 
@@ -283,7 +269,7 @@ class Attribution:
 
     def _with(self, chosen: FittedSet, rivals: list[Candidate], current: Fit) -> Fit:
         """The model `chosen`, its effects accepted."""
-        share = (current.excess - chosen.fit.excess) / self.excess / len(chosen.added)
+        share = (current.excess - chosen.fit.excess) / self.models.excess / len(chosen.added)
         for placed in chosen.added:
             candidate = self._candidate(placed.name)
             candidate.why_rejected = None
@@ -305,7 +291,6 @@ class Attribution:
             outside,
             patient=not (self.accepted or rival),
             rival=rival and rival[0].fit,
-            useful_error=self._useful_error(current),
             on_step=self._step,
         )
         return found.choose()
