@@ -111,6 +111,8 @@ def test_it_ends_in_time_and_says_what_was_left_out(asked, tmp_path, without_pag
         assert 0.5 * share * whole < clock.seconds <= share * whole
         assert found["out_of_time"].startswith("The time limit ended the search")
         assert found["stages"][-1]["refitted"] and found["prediction"]["test"]
+    declared, *_, last = (stage["select"]["normalized"] for stage in found["stages"])
+    assert found["effects"] and last < declared  # of what held in the round that was cut short
     clock.seconds = 0.0
     assert (
         diagnose(out=tmp_path / "in time", time_limit=1.01 * whole, **asked).document["out_of_time"] is None

@@ -185,10 +185,12 @@ class BalanceRound:
         if not reason:
             fit = self.models.escaped(fit, rival, self.useful_error)
             reason = leaves_something(self.current, fit, self.useful_error)
+        self._best = least([rival, fit])
         if reason:
             self._reject(added, reason)
-        self._best = least([rival, fit])
-        return [] if reason else [FittedSet(added, fit, self.models.judge(fit))]
+            return []
+        self.models.held.append(FittedSet(added, fit, self.models.judge(fit)))
+        return self.models.held[-1:]
 
     def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit) -> str | None:
         """What speaks against a fit before it is judged."""

@@ -151,6 +151,8 @@ class ForwardRound:
                 candidate.why_rejected = reason or leaves_something(
                     self.current, candidate.fit, self.useful_error
                 )
+            if candidate.why_rejected is None:
+                self.models.held.append(FittedSet((candidate.placed,), candidate.fit, candidate.select))
         return [c for c in candidates if c.why_rejected is None]
 
     def _refit(

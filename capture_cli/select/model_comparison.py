@@ -76,7 +76,7 @@ class ModelComparison:
 
     folds: what is fitted, and what judges; nothing judges where the log is one window long.
 
-    excess: squared error above the noise floor of the declared model.
+    excess: squared error above the noise floor of the declared model. held: what holds so far in the round under way.
     """
 
     def __init__(self, fits: ModelFits, folds: Folds, *, seed: int):
@@ -85,6 +85,7 @@ class ModelComparison:
         self.fit_part = fits.prepared.part(folds.fit)
         self.seed = seed
         self.excess = REGRESSION.tiny
+        self.held: list[FittedSet] = []
         self.candidates: Sequence[Candidate] = ()
         self._screening: Screening | object | None = _NOT_MADE
         self._about: tuple[Fit, Screening] | None = None

@@ -113,11 +113,24 @@ class Attribution:
         except OutOfTime:
             self.out_of_time = True
             last, self.accepted = self._whole
+            last = self._with_what_holds(last)
             inside = {a.name for a in self.accepted}
             for candidate in self.candidates:
                 if candidate.name not in inside and candidate.why_rejected is None:
                     candidate.why_rejected = "not decided: the time was over"
             return last
+
+    def _with_what_holds(self, last: Fit) -> Fit:
+        """`last`, with the best of what held in the round that was cut short. Nothing is simulated."""
+        names = [e.name for e in last.effects]
+        held = [s for s in self.models.held if [e.name for e in s.fit.effects][: len(names)] == names]
+        if not held:
+            return last
+        known, before = len(self.accepted), self.models.judge(last)
+        found = self._with(self.models.best_of(held), [], last)
+        for accepted in self.accepted[known:]:
+            accepted.support, _ = self._support(last, found, accepted.placed, before, len(self.candidates))
+        return found
 
     def _keep(self, current: Fit) -> Fit:
         """Take note of a model that is whole, and the effects in it."""
@@ -222,6 +235,7 @@ class Attribution:
         simulations alone tell of where that is better, and, before it is said that nothing explains the log, what the
         balance puts behind. Simulations are not asked where the balance leaves too little for another to matter.
         """
+        self.models.held = []
         balance = self._balance_round(current)
         if balance is None:
             choice = self._by_simulation(current)
