@@ -213,10 +213,12 @@ def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere
     placed = [Placed("backlash", REGISTRY.get("backlash")(prepared.task.model, "x"))]
 
     fits = ModelFits(prepared, 1)
-    searched = fits.fit(prepared, placed, truth)
+    narrower = truth.copy()
+    narrower[-len(placed[0].effect.parameters)] *= 0.8
+    searched = fits.fit(prepared, placed, narrower)
     assert max(searched.error, fits.on(prepared, searched).normalized) < 1.1
     monkeypatch.setattr(TransmissionEffect, "states_tried", np.zeros((0, 0)))
-    assert ModelFits(prepared, 1).fit(prepared, placed, truth).error > 1.1
+    assert ModelFits(prepared, 1).fit(prepared, placed, narrower).error > 1.1
 
 
 def test_a_fit_of_play_escapes_from_its_minimum_when_it_is_asked_to(tmp_path):

@@ -177,7 +177,7 @@ class Descent:
         self._tried = x, offsets, self.data.residual(outputs[0]), after
         worse = (after > np.maximum(before, foreseen + k)) & (offsets != self.offsets).any(axis=1)
         if not worse.any():
-            self._judge(*self._tried)
+            self._judge(worse)
             return
         dampings = [self._damping + share * self._curvature for share in SETTINGS.damped]
         damped = [at.start_offsets(x - self.x, k, damping) for damping in dampings]
@@ -192,33 +192,34 @@ class Descent:
         return np.trace(self._at.products[2], axis1=1, axis2=2) / max(len(self.data.movable), 1) + self._k
 
     def _tell_worse(self, outputs, diverged) -> None:
-        """Each takes the best of its initial states; those that go back are damped."""
+        """Each takes the best of its initial states."""
         self._windows = None
         x, offsets, residual, after = self._tried
         others, values = self._trials_judged(outputs, diverged)
         best, found = best_trials(others, values)
         residuals = self.data.residual(outputs)[values.argmin(axis=0), np.arange(len(after))]
-        better = found < after
-        damping = np.maximum(SETTINGS.let_go * self._damping, self._curvature)
-        self._damping = np.where(better, damping, self._damping)
-        keep = better[:, None]
-        self._judge(
+        back = found < after
+        self._tried = (
             x,
-            np.where(keep, best, offsets),
-            np.where(keep, residuals, residual),
-            np.where(better, found, after),
+            np.where(back[:, None], best, offsets),
+            np.where(back[:, None], residuals, residual),
+            np.where(back, found, after),
         )
+        self._judge(back)
 
-    def _judge(self, x: np.ndarray, offsets: np.ndarray, residual: np.ndarray, after: np.ndarray) -> None:
-        """Take the step to x (parameter,), where windows have the objectives `after` (window,), or not."""
+    def _judge(self, back: np.ndarray) -> None:
+        """Take the step that was tried, or not. back (window,): which windows went back; those are damped if it is."""
+        x, offsets, residual, after = self._tried
         gained = float((self._at.objectives(self._k) - after).sum())
-        if gained >= self._little:
-            self._accept(self._at.moved(x, offsets, residual), gained)
-        else:
+        if gained < self._little:
             self._reject(x)
+            return
+        less = np.where(self._damping > 1e-3 * self._k, self._damping / SETTINGS.let_go, 0.0)
+        more = np.maximum(self._damping, self._curvature / SETTINGS.let_go)
+        self._damping = np.where(back, more, less)
+        self._accept(self._at.moved(x, offsets, residual), gained)
 
     def _accept(self, there: Linearization, gained: float) -> None:
-        self._damping = np.where(self._damping > 1e-3 * self._k, self._damping / SETTINGS.let_go, 0.0)
         self._vain = self._vain + 1 if self._failed and gained < self._lost else 0
         self._failed = 0
         self._radius = min(2 * self._radius, 1.0)
@@ -316,6 +317,10 @@ class Descent:
         dx = self._step(self._radius, self._damping)
         offsets = self._at.start_offsets(dx, k, self._damping)
         self._promised = self._at.predicted_gain(dx, offsets, k)
+        if self._promised < self._little and self._damping.any():  # they may be what holds it back
+            self._damping[:] = 0.0
+            self._propose()
+            return
         if self._promised < self._little:
             self._settle()
             return
