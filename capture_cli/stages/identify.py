@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.progress import Progress
 from capture_cli.estimate.log_balance import balanced_point
 from capture_cli.estimate.log_requirements import check_parameters_move_outputs
@@ -46,6 +47,12 @@ from capture_cli.stages.recorded.recorded_task import find_task
 from capture_cli.store.estimate import Estimate, EstimateRecord
 from capture_cli.store.output import new_directory, refuse_existing
 from capture_cli.store.provenance import Provenance
+
+
+@frozen
+class SETTINGS:
+    steps: int = 5  # the log, checks, the fit, what is left open about it, errors
+
 
 NEEDED_LAST = ("scipy.special", "capture_cli.report.figures")
 
@@ -193,8 +200,7 @@ class _Search:
 
 
 def _step(number: int) -> str:
-    steps = 5  # the log, checks, the fit, what is left open about it, errors
-    return f"step {number} of {steps}"
+    return f"step {number} of {SETTINGS.steps}"
 
 
 def _with_misread(estimate: Estimate, search: _Search) -> Estimate:

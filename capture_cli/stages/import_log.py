@@ -162,7 +162,7 @@ def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLo
             f"{source.path}: not one of its {dropped} rows is complete",
             cure="correct the file, or leave it out",
         )
-    ends = np.append(np.flatnonzero(labels[1:] != labels[:-1]) + 1, len(labels))
+    ends = _episode_ends(labels)
     _check_episodes(source, data, ends, rows, task)
     if actions is not None:
         _check_one_action_each(source, actions, ends, rows, task)
@@ -314,6 +314,10 @@ def _labels(source: SourceFile, rows: int, task: Task) -> np.ndarray:
     if task.log.episode is None:
         return np.zeros(rows, dtype=object)
     return np.array(source.labels(task.log.episode), dtype=object)
+
+
+def _episode_ends(labels: np.ndarray) -> np.ndarray:
+    return np.append(np.flatnonzero(labels[1:] != labels[:-1]) + 1, len(labels))
 
 
 def _check_episodes(

@@ -44,6 +44,16 @@ class SETTINGS:
     unseen: int = 500  # others, that the finished policy is judged on, and the random one
 
 
+@frozen
+class MIRROR:
+    """episodes: that are seen in a mirror as well; differ: by how much of the reward, whose scale is 1, on average a
+    machine may be worth something else there. A lag differs by rounding, a bias by much more.
+    """
+
+    episodes: int = 64
+    differ: float = 1e-3
+
+
 TRIED, SAME = 64, 1e-9  # random episodes, and rewards, of 1 at most, that are one
 
 
@@ -146,18 +156,15 @@ def _is_mirrored(simulator: Simulator, effects: EffectRanges) -> bool:
     if not effects.placed:
         return True
     task, generator = simulator.task, np.random.default_rng(0)
-    episodes = 64  # that are seen in a mirror as well
-    parameters = task.space.from_unit(generator.random((episodes, len(task.space))))
-    actions = task.draw_actions(generator.random((episodes, len(task.actions))))
-    of_effects = effects.drawn(generator, episodes)
+    parameters = task.space.from_unit(generator.random((MIRROR.episodes, len(task.space))))
+    actions = task.draw_actions(generator.random((MIRROR.episodes, len(task.actions))))
+    of_effects = effects.drawn(generator, MIRROR.episodes)
     sides = ((parameters, actions), (task.mirror_parameters(parameters), task.mirror_actions(actions)))
     rewards = [
         judge(task, acted, *simulator.trajectories(np.concatenate([under, of_effects], axis=1), acted))[0]
         for under, acted in sides
     ]
-    # of the reward, whose scale is 1, on average: a lag differs by rounding, a bias by much more
-    least_different = 1e-3
-    return float(np.abs(rewards[0] - rewards[1]).mean()) < least_different
+    return float(np.abs(rewards[0] - rewards[1]).mean()) < MIRROR.differ
 
 
 def _refuse_constant(simulator: Simulator, effects: EffectRanges) -> None:

@@ -10,6 +10,8 @@ in the same way.
 
 from __future__ import annotations
 
+from capture_cli.common.frozen import frozen
+
 # patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 
@@ -27,6 +29,13 @@ from capture_cli.context.worlds._scene import SETTINGS as SCENE
 from capture_cli.context.worlds._scene import Played, Scene, check_rate
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks.air_hockey import AirHockey
+
+
+@frozen
+class SETTINGS:
+    rink: tuple[float, ...] = (0.12, 0.0, 0.05)  # m, of the plant's origin from the middle of the table's top
+    # m, that one action can send the hand away at most: the stroke is ahead of the arm by less
+    reach: float = 0.15
 
 
 class TableAirHockey(Scene):
@@ -83,8 +92,7 @@ class TableAirHockey(Scene):
 
     def standing(self, plant: MujocoXML) -> ElementTree.Element:
         """The rink, and a knob to hold the mallet by."""
-        origin = (0.12, 0.0, 0.05)  # m, of the plant, from the middle of the table's top
-        middle = (x + y for x, y in zip(origin, (0, 0, SCENE.table_top), strict=True))
+        middle = (x + y for x, y in zip(SETTINGS.rink, (0, 0, SCENE.table_top), strict=True))
         rink = ElementTree.Element("body", name="rink", pos=" ".join(map(str, middle)))
         rink.extend(part for part in plant.worldbody if part.tag in ("geom", "body"))
         mallet = rink.find("body[@name='mallet']")
@@ -168,9 +176,8 @@ gymnasium.register("capture/TableAirHockey-v0", entry_point=gymnasium_environmen
 def _controller(robot: str) -> dict:
     """The robot's own controller; only how far one action may send the hand is more."""
     config = load_composite_controller_config(robot=robot)
-    reach = 0.15  # m, that one action can send the hand away at most: the stroke is ahead of the arm by less
     for part in config["body_parts"].values():
         if part.get("type") == "OSC_POSE":
-            part["output_max"] = [reach] * 3 + part["output_max"][3:]
-            part["output_min"] = [-reach] * 3 + part["output_min"][3:]
+            part["output_max"] = [SETTINGS.reach] * 3 + part["output_max"][3:]
+            part["output_min"] = [-SETTINGS.reach] * 3 + part["output_min"][3:]
     return config

@@ -16,12 +16,19 @@ from pathlib import Path
 from typing import NoReturn
 
 from capture_cli import errors
+from capture_cli.common.frozen import frozen
 
 if sys.platform != "win32":
     import resource
 
 # Elsewhere a process that has threads is not copied safely.
 CAN_LIMIT = sys.platform == "linux"
+
+
+@frozen
+class SETTINGS:
+    grace: int = 1  # s of CPU time after which a process is killed that does not end when it is told to
+    piece: int = 1 << 20  # bytes that are read at once
 
 
 _DONE, _REFUSED, _FAILED = b"\0", b"\1", b"\2"  # what the first byte of an answer says
@@ -60,13 +67,12 @@ def limited(work: Callable[[], bytes], *, seconds: float, memory: int) -> bytes:
 
 def _answer(end: int, deadline: float) -> bytes:
     """All that comes through the pipe until its other end is closed. Raises TimeoutError."""
-    at_once = 1 << 20  # bytes
     pieces = []
     while True:
         ready, _, _ = select.select([end], [], [], max(deadline - time.monotonic(), 0.0))
         if not ready:
             raise TimeoutError
-        piece = os.read(end, at_once)
+        piece = os.read(end, SETTINGS.piece)
         if not piece:
             return b"".join(pieces)
         pieces.append(piece)
@@ -122,14 +128,13 @@ def _be_alone() -> None:
 
 def _limit(seconds: float, memory: int) -> None:
     processor = math.ceil(seconds)
-    grace = 1  # s of CPU time after which a process is killed that does not end when it is told to
     for limit, most in (
         (resource.RLIMIT_CORE, 0),
         (resource.RLIMIT_CPU, processor),
         (resource.RLIMIT_DATA, _taken() + memory),
     ):
         _, hard = resource.getrlimit(limit)
-        highest = most + grace if limit == resource.RLIMIT_CPU else most
+        highest = most + SETTINGS.grace if limit == resource.RLIMIT_CPU else most
         if hard != resource.RLIM_INFINITY:
             most, highest = min(most, hard), min(highest, hard)
         with suppress(ValueError, OSError):  # a system that does not let one has limits of its own
