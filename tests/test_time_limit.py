@@ -121,6 +121,17 @@ def test_it_ends_in_time_and_says_what_was_left_out(asked, tmp_path, without_pag
     )
 
 
+def test_what_was_found_stands_once_where_the_time_ends_after_it(asked, tmp_path, without_pages, monkeypatch):
+    def over(*_):
+        raise OutOfTime
+
+    monkeypatch.setattr(Attribution, "_ask_again", over)
+    found = diagnose(out=tmp_path / "d", **asked).document
+    names = [e["name"] for e in found["effects"]]
+    assert len(names) == 2 and len(set(names)) == 2
+    assert found["out_of_time"].startswith("The time limit ended the search")
+
+
 def test_what_is_stopped_is_left_out(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(TimeLimit, "now", lambda _=None: now[0])

@@ -122,18 +122,17 @@ class Attribution:
 
     def _with_what_holds(self, last: Fit) -> Fit:
         """`last`, with the best of what held in the round that was cut short. Nothing is simulated."""
-        names = [e.name for e in last.effects]
-        held = [s for s in self.models.held if [e.name for e in s.fit.effects][: len(names)] == names]
-        if not held:
+        if not self.models.held:
             return last
         known, before = len(self.accepted), self.models.judge(last)
-        found = self._with(self.models.best_of(held), [], last)
+        found = self._with(self.models.best_of(self.models.held), [], last)
         for accepted in self.accepted[known:]:
             accepted.support, _ = self._support(last, found, accepted.placed, before, len(self.candidates))
         return found
 
     def _keep(self, current: Fit) -> Fit:
-        """Take note of a model that is whole, and the effects in it."""
+        """Take note of a model that is whole, and the effects in it; what held in its round is settled with it."""
+        self.models.held = []
         self._whole = current, [replace(a, tied=list(a.tied)) for a in self.accepted]
         return current
 
