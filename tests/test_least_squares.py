@@ -7,7 +7,7 @@ import pytest
 
 from capture_cli.estimate.solve.base import run
 from capture_cli.estimate.solve.least_squares import EarlyStop, LeastSquares
-from capture_cli.estimate.solve.linearization import Data, Trial
+from capture_cli.estimate.solve.linearization import Data, Trial, box_step
 from capture_cli.model.parameters import Parameter, ParameterSpace
 
 ROUNDS, ROWS = 60, 200
@@ -125,3 +125,23 @@ def test_a_window_whose_start_runs_away_does_not_keep_the_others_from_their_step
     best = run(solver, evaluate)
     np.testing.assert_allclose(best.parameters, truth, atol=0.01)
     assert simulated < 100 * windows  # held back by the one it takes 306 of all
+
+
+def test_a_step_of_initial_states_alone_that_fails_leaves_the_trust_region():
+    space = ParameterSpace([Parameter("a", "1", 0.0, 1.0, 0.5)])  # shows nothing
+    data = Data(space, np.zeros((1, ROWS, 1)), np.ones((1, ROWS, 1), dtype=bool), np.ones(1), np.ones((1, 1)))
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], ROWS)
+
+    def evaluate(trial: Trial):
+        moved = trial.offsets[:, :, 0]
+        outputs = np.where(moved < 0.05, 5.0 * (1 - moved), 10.0)  # promises what it does not keep
+        return (outputs[..., None] * signs)[..., None], np.zeros(outputs.shape, dtype=bool)
+
+    solver = LeastSquares(data, start=space.nominal, starts=1, rounds=ROUNDS)
+    assert run(solver, evaluate).error == pytest.approx(5.0)
+
+
+def test_a_box_may_be_as_thin_as_a_point():
+    hessian, gradient = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([3.0, 1.0])
+    thin = box_step(hessian, gradient, np.array([0.2, -1.0]), np.array([0.2, 1.0]))
+    assert thin == pytest.approx([0.2, 0.9])

@@ -238,7 +238,9 @@ class Descent:
         elif self._promised < self._lost or self._failed == SETTINGS.most_failed:
             self._give_up()
         else:
-            self._radius = SETTINGS.shrink * float(np.abs(x - self.x).max(initial=0.0))
+            moved = float(np.abs(x - self.x).max(initial=0.0))
+            if moved:  # else initial states moved alone
+                self._radius = SETTINGS.shrink * moved
             self._damping = np.maximum(self._damping / SETTINGS.shrink, self._k)
             self._propose()
 

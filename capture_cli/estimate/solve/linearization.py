@@ -455,7 +455,7 @@ def held_step(
 
 
 def box_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Minimizes d'Hd/2 - g'd over low <= d <= high; directions without curvature are left alone."""
+    """Minimizes d'Hd/2 - g'd over low <= d <= high, which may be equal; directions without curvature are left alone."""
     size = len(gradient)
     if size == 0:
         return np.zeros(0)
@@ -463,5 +463,7 @@ def box_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: n
     regular = hessian / np.outer(scale, scale) + 1e-9 * np.eye(size)
     step = np.zeros(size)
     factor = np.zeros((size, size + 7))
-    rank = mujoco.mju_boxQP(step, factor, None, regular, -gradient / scale, low * scale, high * scale)
+    bottom, top = low * scale, high * scale
+    top = np.maximum(top, np.nextafter(bottom, np.inf))  # mju_boxQP takes no bounds that are equal
+    rank = mujoco.mju_boxQP(step, factor, None, regular, -gradient / scale, bottom, top)
     return step / scale if rank >= 0 else np.clip(gradient / scale**2, low, high)
