@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from capture_cli.report import paper_numbers
 from capture_cli.store.evaluation import Evaluation
 
@@ -267,7 +269,7 @@ def pairs(m: Measured) -> str:
 
 
 def closed_loop() -> str:
-    """The part of that name: errors and successes by rounds, before the loop was closed and after."""
+    """The part of that name: errors and successes by rounds, before the loop was closed and after; then intervals."""
     documents = {when: Evaluation.read_document(folder / "evaluation") for when, folder in LOOP.items()}
     rounds = [0, *(n for n in WORLD_ROUNDS if n <= min(d["rounds"] for d in documents.values()))]
     distances, successes = [], []
@@ -283,7 +285,26 @@ def closed_loop() -> str:
         successes.append(
             [f"successes of {pairs} {when}", *(f"{pairs * e['success'][n]:.0f}" for n in rounds)]
         )
-    return _table(["measured strokes", *map(str, rounds)], distances + successes)
+    table = _table(["measured strokes", *map(str, rounds)], distances + successes)
+    return f"{table}\n\n{_loop_errors()}"
+
+
+def _loop_errors() -> str:
+    """What the intervals claim after the loop, beside what estimates are off by: over parameters, in words."""
+    found = Evaluation.read(LOOP["after"] / "evaluation")
+    last, target = found.document["rounds"], found.arrays["target"]
+    span = np.array([p["high"] - p["low"] for p in found.attributes["parameters"]])
+    estimates, sd = (found.arrays[name][0, :, :, last].reshape(-1, len(span)) for name in ("estimates", "sd"))
+    off = (estimates - target.reshape(estimates.shape)) / span
+    claimed, among, mean = np.median(sd / span, axis=0), off.std(axis=0, ddof=1), np.abs(off.mean(axis=0))
+    return (
+        f"After {last} strokes intervals claim standard deviations of {_between(claimed)} of the ranges; errors differ "
+        f"by {_between(among)} among tables, and their mean over all tables is {_between(mean)}."
+    )
+
+
+def _between(shares: np.ndarray) -> str:
+    return f"{_two(100 * shares.min())} to {_two(100 * shares.max())} %"
 
 
 # --- the goals of docs/in-context.md ---

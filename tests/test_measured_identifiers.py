@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from docs import measured_identifiers
@@ -97,3 +99,16 @@ def test_robots_stand_side_by_side_with_the_paper(monkeypatch):
     )
     about, _ = measured_identifiers.worlds().split("\n\n")
     assert about == "`runs/evaluation/scooping-world-*`: 4 pairs, 1 rounds; code 0123456789ab."
+
+
+def test_what_intervals_claim_stands_beside_what_estimates_are_off_by(monkeypatch):
+    """Of two parameters over ranges of 2 and 10: the second is off by a tenth in all tables."""
+    estimates, target = np.zeros((1, 1, 3, 2, 2)), np.zeros((1, 3, 2))
+    estimates[0, 0, :, 1] = [[-0.04, 0.9], [0.0, 1.0], [0.04, 1.1]]
+    arrays = {"estimates": estimates, "target": target, "sd": np.full_like(estimates, 0.01)}
+    attributes = {"parameters": [{"low": 0.0, "high": 2.0}, {"low": -5.0, "high": 5.0}]}
+    found = SimpleNamespace(document={"rounds": 1}, attributes=attributes, arrays=arrays)
+    monkeypatch.setattr(measured_identifiers, "Evaluation", SimpleNamespace(read=lambda folder: found))
+    said = measured_identifiers._loop_errors()
+    assert "claim standard deviations of 0.1 to 0.5 % of the ranges" in said
+    assert "by 1 to 2 % among tables" in said and said.endswith("over all tables is 0 to 10 %.")
