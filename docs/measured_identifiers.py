@@ -22,7 +22,6 @@ LOOP = {"before": RUNS.parent / "closed-loop" / "declared", "after": RUNS.parent
 ROUNDS = (1, 3, 5, 10, 30)
 RATIO_ROUNDS = (10, 20, 30)
 WORLD_ROUNDS = (1, 3, 5, 7, 9)  # the paper's, on real robots
-BUDGETS = (10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # simulated rollouts
 OURS = "capture-refined"
 YARDSTICK = "domain-randomization"
 PAIRED = 10  # rounds at most that pairs are compared after
@@ -73,7 +72,7 @@ class Measured:
 
 def air_hockey() -> str:
     """The part of that name."""
-    return "\n\n".join(_section(m, (parameters, ratios, budgets, pairs)) for m in _measured("air-hockey"))
+    return "\n\n".join(_section(m, (parameters, ratios, pairs)) for m in _measured("air-hockey"))
 
 
 def scooping() -> str:
@@ -117,6 +116,8 @@ def _section(measured: Measured, tables: Iterable[Callable[[Measured], str]]) ->
 
 def parameters(m: Measured) -> str:
     """Parameter difference, what it cost and what the intervals hold; a random guess is at a third."""
+    if sum(e["simulated_rollouts"][1] > 1 for e in m.rows.values()) > 1:
+        return budgets(m)
     last, at = m.document["rounds"], min(10, m.document["rounds"])
     header = ["parameter difference", *map(str, m.rounds)]
     header += [f"rollouts up to {last}", f"cover at {at}"]
@@ -131,6 +132,24 @@ def parameters(m: Measured) -> str:
         if label != YARDSTICK
     ]
     return _table(header, rows)
+
+
+def budgets(m: Measured) -> str:
+    """Parameter difference after each round with what was simulated until then, where several simulate by themselves:
+    the budget curve.
+    """
+    rounds = range(1, m.document["rounds"] + 1)
+    rows = [
+        [
+            label,
+            *(
+                f"{_two(e['parameter_difference']['mean'][n])} ({e['simulated_rollouts'][n]:.0f})"
+                for n in rounds
+            ),
+        ]
+        for label, e in m.rows.items()
+    ]
+    return _table(["parameter difference (rollouts so far)", *map(str, rounds)], rows)
 
 
 def ratios(m: Measured) -> str:
@@ -233,23 +252,6 @@ def _hundredths(values: Iterable[float]) -> str:
 
 def _said(rounds: tuple[int, ...]) -> str:
     return ", ".join(map(str, rounds))
-
-
-def budgets(m: Measured) -> str:
-    """Parameter difference by what was simulated, of those that simulate by themselves: the budget curve."""
-    spends = {k: e for k, e in m.rows.items() if e["simulated_rollouts"][1] > 1}
-    if len(spends) < 2:
-        return ""
-    most = max(e["simulated_rollouts"][-1] for e in spends.values())
-    shown = [b for b in BUDGETS if b <= most]
-    rows = [[label, *(_within(e, b) for b in shown)] for label, e in spends.items()]
-    return _table(["parameter difference within simulated rollouts", *map(str, shown)], rows)
-
-
-def _within(e: Mapping[str, Any], budget: int) -> str:
-    """The error after the last round that the budget allows."""
-    allowed = [n for n, spent in enumerate(e["simulated_rollouts"]) if n and spent <= budget]
-    return _two(e["parameter_difference"]["mean"][allowed[-1]]) if allowed else NONE
 
 
 def pairs(m: Measured) -> str:

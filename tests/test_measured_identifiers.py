@@ -42,10 +42,12 @@ def test_a_table_says_how_many_pairs_it_is_of_and_whose_code_made_it(measured):
     assert "the code was not noted" in Measured("folder", measured.document, {}).about()
 
 
-def test_errors_are_those_of_the_last_round_that_a_budget_allows(measured):
-    header, _, row, other = measured_identifiers.budgets(measured).splitlines()
-    assert header.split(" | ")[1:] == ["10", "20", "50", "100", "200 |"]
-    assert row == "| cma-es |  |  |  |  | 0.2 |" and other == "| compass | 0.2 | 0.1 | 0.1 | 0.1 | 0.1 |"
+def test_errors_stand_beside_what_was_simulated_for_them_where_several_simulate(measured):
+    header, _, row, other = measured_identifiers.parameters(measured).splitlines()
+    assert header == "| parameter difference (rollouts so far) | 1 | 2 |"
+    assert row == "| cma-es | 0.2 (147) | 0.12 (440) |" and other == "| compass | 0.2 (10) | 0.1 (20) |"
+    alone = {**measured.document, "identifiers": {"cma-es": measured.rows["cma-es"]}}
+    assert "rollouts up to 2" in measured_identifiers.parameters(Measured("f", alone, {}))
 
 
 def test_probabilities_are_those_of_the_sign_test(measured):
