@@ -671,6 +671,37 @@ def test_a_loose_mass_is_a_body_on_a_spring(loose, frequency, damping_ratio, beg
     assert error < 0.03 * error_rigid
 
 
+@pytest.mark.parametrize(("frequency", "damping_ratio"), [(1.3, 0.003), (6.0, 0.3), (18.0, 0.01)])
+def test_a_loose_mass_begins_inside_a_log_as_the_log_shook_it(frequency, damping_ratio):
+    turning, loose = 2 * np.pi * frequency, 0.3
+    load = LOAD.format(loose=loose, stiffness=loose * turning**2, damping=2 * damping_ratio * loose * turning)
+    two = build(WITH_A_LOAD.format(rest=1 - loose, load=load))
+    one = build(WITH_A_LOAD.format(rest=1, load=""))
+    tape = 3 * np.sign(np.cos(2 * np.pi * 1.1 * np.arange(6000) * 1e-3))[None, :, None]
+    rollouts = Engine(two).rollout(
+        Starts(np.zeros((1, two.nq)), np.zeros((1, two.nv)), np.zeros((1, 0)), np.zeros(1)),
+        tape,
+        keep=Keep(states=True),
+    )
+    truth, first = rollouts.sensors[0], np.array([600, 2150, 5500])
+    effect = effects.REGISTRY.get("loose-mass")(one, "l")
+    sampled = slice(None, None, 5)
+    path, time = truth[sampled, 0], np.arange(6000)[sampled] * 1e-3
+    seen = JointMotion(path.min(), path.max(), 1.0, path, (slice(0, len(path)),), 0.0, time)
+    effect.look_in(SeenLog(0.5, 6.0, frozenset({0}), {0: seen}))
+    at = effect.space.to_vector({"mass": loose, "frequency": frequency, "damping_ratio": damping_ratio})
+
+    def error(effect):
+        force = effect.force(np.tile(at, (3, 1)), 1e-3, first=first // 5)
+        moving = rollouts.qpos[0, first, :1], rollouts.qvel[0, first, :1]
+        starts = Starts(*moving, np.zeros((3, 0)), np.zeros(3))
+        own = np.stack([tape[0, a : a + 500] for a in first])
+        sensors = Engine(one).rollout(starts, own, forces=[force]).sensors
+        return np.sqrt(np.mean([(s - truth[a : a + 500]) ** 2 for s, a in zip(sensors, first, strict=True)]))
+
+    assert error(effect.as_told()) < 0.1 * error(effect)
+
+
 @pytest.mark.parametrize("window", [0.1, 0.5, 5.0])
 def test_a_loose_mass_is_looked_for_where_it_swings_half_a_turn_in_a_window(window):
     effect = effects.REGISTRY.get("loose-mass")(build(WITH_A_LOAD.format(rest=1, load="")), "l")

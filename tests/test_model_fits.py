@@ -25,10 +25,12 @@ from capture_cli.model.effects._transmission import TransmissionEffect
 from capture_cli.model.effects.base import Effect
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
+from capture_cli.select.candidates import all_candidates
 from capture_cli.select.log_parts import select_folds
 from capture_cli.select.minima import SETTINGS as MINIMA
 from capture_cli.select.minima import minima
 from capture_cli.select.model_comparison import ModelComparison
+from capture_cli.select.rejection import stands_in
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.record import record
 
@@ -350,3 +352,23 @@ def test_what_nothing_shows_stays_where_it_is(tmp_path):
         fit = fits.fit(prepared, [placed], np.array([truth[0], 0.0, 0.0, begin]))
         assert fit.point[3] == pytest.approx(1e-3, rel=0.05) and fit.error < 1.05
         assert abs(fit.point[2]) < 1e-3 * effect.space.high[1]
+
+
+@pytest.mark.parametrize(
+    ("effect", "stands"),
+    [
+        ("loose-mass@x.mass=0.5", False),
+        ("force-supply-sag=0.3", True),
+        ("viscoelastic-spring@x.stiffness=20", True),
+    ],
+)
+def test_a_loose_mass_that_stands_in_for_something_else_needs_states_that_are_free(tmp_path, effect, stands):
+    prepared, truth = planted(tmp_path, effect)
+    folds = select_folds(prepared.windows.episode, prepared.split.is_test)
+    models = ModelComparison(ModelFits(prepared, 1), folds, seed=0)
+    [loose] = [c.placed for c in all_candidates(prepared) if c.name == "loose-mass@x"]
+    declared = models.fits.fit(models.fit_part, [], truth[: len(prepared.task.space)])
+    start = loose.effect.space.from_unit(np.array([0.3, 0.1, 0.1]))
+    fit = models.fit([loose], np.append(declared.point, start), declared)
+    assert fit.error < 0.3 * declared.error  # so it would be taken for an explanation
+    assert bool(stands_in(models, declared, fit, loose)) == stands

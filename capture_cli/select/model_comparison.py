@@ -205,6 +205,19 @@ class ModelComparison:
         self.know(found)
         return found
 
+    def error_as_told(self, fit: Fit, placed: Placed, needed: float) -> float:
+        """The error of `fit` where the hidden states of an effect in it follow from the log before each window; fitted
+        anew from there where that is above `needed`: how it swings after long depends on little.
+        """
+        told = placed._replace(effect=placed.effect.as_told())
+        effects = tuple(told if e.name == placed.name else e for e in fit.effects)
+        error = self.fits.on(self.fit_part, replace(fit, effects=effects)).normalized
+        if error <= needed:
+            return error
+        effort = Effort(needed=needed, escapes=False, seed=self.seed)
+        again = self.fits.fit(self.fit_part, effects, fit.point, effort=effort)
+        return error if again is None else min(error, again.error)
+
     def explained_from(self, start: np.ndarray, effects: Sequence[Placed], near: Fit) -> Fit | None:
         """The fit from `start` (parameter,), taken for the one of its effects, if it leaves nothing but noise."""
         found = self._fit_from([start], effects, near, Effort(to_reach=lack_of_fit(near.at).threshold))

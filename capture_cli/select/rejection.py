@@ -27,8 +27,11 @@ def implausible(models: ModelComparison, current: Fit, fit: Fit, placed: Placed)
     Where something is left: that it is at a bound, or drives a declared parameter to one. Where nothing is, that is
     where they are, but for what is vague at a bound. A declared parameter may fall
     to zero: then it had been standing in for the effect. Nor does it count where the log hardly determines it: then
-    it may be anywhere.
+    it may be anywhere. Hidden states that follow from the log before have to explain something, too: free in each
+    window, they stand in for much.
     """
+    if reason := stands_in(models, current, fit, placed):
+        return reason
     effect, ends = placed.effect, at_end(fit, placed)
     vague = next((ends[name] for name in effect.vague_at_end if name in ends), None)
     if vague or models.is_explained(fit):
@@ -44,6 +47,24 @@ def implausible(models: ModelComparison, current: Fit, fit: Fit, placed: Placed)
         if determined[i] and bound != 0 and at_bound:
             return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
     return None
+
+
+def stands_in(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:
+    """Why an effect in `fit` is no explanation but by hidden states that are free in each window, or None."""
+    if placed.effect.as_told() is None:
+        return None
+    alone = len(fit.effects) == len(current.effects) + 1
+    without = current if alone else models.without(fit, placed.name)
+    if without is None:
+        return None
+    needed = needed_error(without, SETTINGS.material)
+    told = models.error_as_told(fit, placed, needed)
+    if told <= needed:
+        return None
+    return (
+        "it would have to begin anew in each window: where it begins as the log before made it swing, "
+        f"{told:.3g} times the noise floor is left, and without it {without.error:.3g}"
+    )
 
 
 def at_end(fit: Fit, placed: Placed) -> dict[str, str]:

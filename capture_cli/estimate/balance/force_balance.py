@@ -730,8 +730,7 @@ class ForceBalance:
         world = RecordedWorld(self._model, self._recorded, index)
         applied, friction, damping = world.qfrc_applied, *(world.vary(name) for name in AT_JOINTS)
         own_damping, mean = self._model.dof_damping, qvel + 0.5 * self._model.opt.timestep * qacc
-        acts = np.zeros((index.shape[1], len(index), self._model.nv))
-        loss = np.zeros_like(acts)
+        acts, loss = (np.zeros((index.shape[1], len(index), self._model.nv)) for _ in range(2))
         for step, here in enumerate(index.T):
             world.go_to(step)
             force(world)
@@ -739,11 +738,13 @@ class ForceBalance:
                 return None
             acts[step] = applied - (damping - own_damping) * mean[here]
             loss[step] = friction
-        changed = self._friction_changed(
-            *(own.reshape(-1, self._model.nv) for own in (acts, loss)), index.T.ravel()
-        )
-        acts += changed.reshape(acts.shape)
-        return (self.inverse_inertia[index.T] @ acts[..., None])[..., 0]
+        return self._led(acts, loss, index)
+
+    def _led(self, acts: np.ndarray, loss: np.ndarray, index: np.ndarray) -> np.ndarray:
+        """Accelerations (step, lane, nv) by forces `acts`, with frictionloss `loss`, both (step, lane, nv)."""
+        nv = self._model.nv
+        changed = self._friction_changed(acts.reshape(-1, nv), loss.reshape(-1, nv), index.T.ravel())
+        return (self.inverse_inertia[index.T] @ (acts + changed.reshape(acts.shape))[..., None])[..., 0]
 
     def _recorded(self, name: str) -> np.ndarray:
         """A field of MjData at the points, of the model as it is; the acceleration is the predicted one."""
@@ -757,46 +758,35 @@ class ForceBalance:
 
     def _led_elsewhere(self, force: Callable, index: np.ndarray) -> np.ndarray:
         """As `_led_at_joints`, of a force that changes anything; MuJoCo works out at every step what that does."""
-        qpos, qvel, qacc = self.state
-        step, begins = self._model.opt.timestep, self._begins
+        qpos, _, qacc = self.state
+        step, smooth_alone = self._model.opt.timestep, self._world[-1]
         runner = batch.Batch(self._model, len(index), self.threads)
         runner.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
         live = {n: runner.bind(n) for n in ("qpos", "qvel", "time", *(("ctrl",) if self._model.nu else ()))}
-        smooth, inertia = runner.bind("qfrc_smooth"), runner.bind("M")
-        joint_force, body_force = (runner.bind(name) for name in APPLIED)
-        world = World(runner, np.arange(len(index)))
-        world.stepped, world.qacc = True, np.zeros((len(index), self._model.nv))
-        actuator_force = world.actuator_force
-        changes = np.zeros((index.shape[1], len(index), self._model.nv))
+        smooth, inertia, actuators = (runner.bind(n) for n in ("qfrc_smooth", "M", "actuator_force"))
+        world = RecordedWorld(self._model, self._recorded, index)
+        friction, damping = (world.vary(name) for name in AT_JOINTS)
+        given = world.actuator_force  # as they gave it under the force of the step before
+        acts, loss = (np.zeros((index.shape[1], len(index), self._model.nv)) for _ in range(2))
+        otherwise: dict[int, np.ndarray] = {}  # accelerations of steps in which inertias are others
         for k, here in enumerate(index.T):
-            live["qpos"][...], live["qvel"][...] = qpos[here], begins[here]
+            world.go_to(k)
+            world.actuator_force = given
+            force(world)
+            live["qpos"][...], live["qvel"][...] = qpos[here], self._begins[here]
             live["time"][...] = self.points.time[here]
             if self._model.nu:
                 live["ctrl"][...] = self.controls[here]
-            joint_force[...], body_force[...] = 0.0, 0.0
-            world.restore_varied()
-            world.qacc[...] = self.null.predicted[here]
+            world.write(runner)
             runner.forward()
-            before = smooth.copy()
-            force(world)
-            world.actuator_force = actuator_force
-            loss = world.vary("dof_frictionloss").copy()
-            damping = world.vary("dof_damping") - self._model.dof_damping
-            acts = np.zeros_like(joint_force)
-            if body_force.any() or world.has_varied(AT_JOINTS):
-                runner.forward()
-                acts = acts + smooth - before - damping * step * qacc[here]
-                world.actuator_force = (
-                    actuator_force.copy()
-                )  # as they gave it under this force, until it is asked again
-                if world.has_varied((*AT_JOINTS, *_OF_ACTUATORS)):
-                    changes[k] = self._accelerated(acts, loss, inertia, here) - self.null.predicted[here]
-                    continue
-            else:
-                acts = acts + joint_force - damping * (qvel[here] + 0.5 * step * qacc[here])
-            acts += self._friction_changed(acts, loss, here)
-            changes[k] = (self.inverse_inertia[here] @ acts[..., None])[..., 0]
-        return changes
+            given, loss[k] = actuators.copy(), friction
+            acts[k] = smooth - smooth_alone[here] - (damping - self._model.dof_damping) * step * qacc[here]
+            if world.changes(but=(*APPLIED, *AT_JOINTS, *_OF_ACTUATORS)):
+                otherwise[k] = self._accelerated(acts[k], loss[k], inertia, here) - self.null.predicted[here]
+        led = self._led(acts, loss, index)
+        for k, accelerations in otherwise.items():
+            led[k] = accelerations
+        return led
 
     def _restore(self) -> None:
         """Make the world that of the model as it is again."""

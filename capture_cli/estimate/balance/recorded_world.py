@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
+from mujoco import batch
 
 from capture_cli.model.world import APPLIED
 
@@ -49,8 +50,17 @@ class RecordedWorld:
     @property
     def is_changed_elsewhere(self) -> bool:
         """Whether the force changes anything but what joints feel."""
-        others = (pair for name, pair in self._varied.items() if name not in (APPLIED[0], *AT_JOINTS))
-        return any((live != own).any() for live, own in others)
+        return self.changes(but=(APPLIED[0], *AT_JOINTS))
+
+    def changes(self, but: Sequence[str]) -> bool:
+        """Whether the force changes anything but these fields."""
+        return any((live != own).any() for name, (live, own) in self._varied.items() if name not in but)
+
+    def write(self, runner: batch.Batch) -> None:
+        """Give simulations, one for each lane, what is applied and varied at this step."""
+        for name, (live, _) in self._varied.items():
+            field = runner.bind(name) if name in APPLIED else runner.expand(name)
+            field[...] = live
 
     def _vary(self, name: str, own: np.ndarray) -> np.ndarray:
         live = np.repeat(np.asarray(own, dtype=float)[None], len(self.rows), axis=0)

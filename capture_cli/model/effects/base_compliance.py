@@ -7,11 +7,10 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
-from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects._kernel import Companion, call, kept
 from capture_cli.model.effects._scales import driven_joints, moving_bodies
-from capture_cli.model.effects._vibration import Vibration, VibrationEffect
-from capture_cli.model.effects.base import GLOBAL
+from capture_cli.model.effects._vibration import ForceShakenBefore, Shaken, Vibration, VibrationEffect
+from capture_cli.model.effects.base import GLOBAL, SeenLog
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
@@ -48,6 +47,12 @@ def momentum_along(model, axis, cdof, subtree_com, body_subtreemass):
     return body_subtreemass[..., body] * moved[..., axis]
 
 
+def centre_along(mass, position, bodies, axis):
+    """m: of the masses of `bodies`, along the axis of the world; mass (..., body), position (..., body, 3)."""
+    own = mass[..., bodies]
+    return (own * position[..., bodies, axis]).sum(axis=-1) / own.sum(axis=-1)
+
+
 class BaseCompliance(VibrationEffect):
     """The base is free to move along one axis of the world, on springs: at `frequency` (Hz) and with `damping_ratio` of
     the critical damping where the machine is held. Of the mass on the springs the share `mobility` moves on the base.
@@ -77,9 +82,42 @@ class BaseCompliance(VibrationEffect):
         most = 0.8  # of what stands on the springs: a base of a quarter of what moves on it
         return (Parameter("mobility", "1", 0.0, most, 0.0), *self.swinging)
 
-    def force(self, values, timestep, *, states=None, **_):
+    def shaken_in(self, log):
+        model = self.model
+        if any(joint not in log.seen for joint in range(model.njnt)):
+            return None
+        paths = np.stack([log.seen[joint].path for joint in range(model.njnt)], axis=1)
+        data, centre = mujoco.MjData(model), np.full(len(paths), np.nan)
+        for step in np.flatnonzero(np.isfinite(paths).all(axis=1)):
+            data.qpos[model.jnt_qposadr] = paths[step]
+            mujoco.mj_kinematics(model, data)
+            centre[step] = centre_along(model.body_mass, data.xipos, self.moving, self.axis)
+        known = log.seen[0]
+        return Shaken(known.time, centre, known.stretches, self._noise_of_centre(log))
+
+    def _noise_of_centre(self, log: SeenLog) -> float:
+        """m: standard deviation of where the noise of joints puts the centre of what moves, as the model stands."""
+        model = self.model
+        data = mujoco.MjData(model)
+        mujoco.mj_fwdPosition(model, data)
+        moved = momentum_along(model, self.axis, data.cdof, data.subtree_com, model.body_subtreemass)
+        noises = [log.seen[joint].noise for joint in range(model.njnt)]
+        return float(np.linalg.norm(moved[model.jnt_dofadr] * noises)) / model.body_mass[self.moving].sum()
+
+    def share(self, values):
+        return values[:, 0]
+
+    def shaking(self, world):
+        masses = world.vary("body_mass")
+        per_speed = momentum_along(
+            self.model, self.axis, world.cdof, world.subtree_com, world.vary("body_subtreemass")
+        )
+        speed = (per_speed * world.qvel).sum(axis=1) / masses[:, self.moving].sum(axis=1)
+        return centre_along(masses, world.xipos, self.moving, self.axis), speed
+
+    def force(self, values, timestep, *, states=None, first=None, **_):
         agitated = 5.0  # m/s^2: accelerations of the centre of mass, commonly within
-        begins = self.begins(values, states, agitated * values[:, 0])
+        begins = self.begins(values, states, agitated * values[:, 0], timestep=timestep, first=first)
         kind = ForceOfBase if self.accelerometers else ForceOfUnseenBase
         return kind(self, self.coefficients(values) | begins, timestep)
 
@@ -99,7 +137,7 @@ class BaseCompliance(VibrationEffect):
         return Companion((momentum_along, SprungBase), lines, state, ("data.qfrc_applied",), after)
 
 
-class ForceOfUnseenBase(ForceOfKernel):
+class ForceOfUnseenBase(ForceShakenBefore):
     """What holds the masses back that move on the base while it accelerates, over a batch, chunk after chunk."""
 
     def __call__(self, world: World) -> None:

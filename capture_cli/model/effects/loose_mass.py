@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.model.effects._joint_force import ForceOfKernel, JointForce
+from capture_cli.model.effects._joint_force import JointForce
 from capture_cli.model.effects._scales import characteristic_force, free_inertia
 from capture_cli.model.effects._two_mass import MOST_SHARE
-from capture_cli.model.effects._vibration import Vibration, VibrationEffect
+from capture_cli.model.effects._vibration import ForceShakenBefore, Shaken, Vibration, VibrationEffect
 from capture_cli.model.parameters import Parameter
 
 
@@ -59,6 +59,14 @@ class LooseMass(VibrationEffect, JointForce):
             *self.swinging,
         )
 
-    def force(self, values, timestep, *, states=None, **_):
+    def shaken_in(self, log):
+        seen = log.seen.get(self.joint)
+        return None if seen is None else Shaken(seen.time, seen.path, seen.stretches, seen.noise)
+
+    def shaking(self, world):
+        return self.read(world, "qpos"), self.read(world, "qvel")
+
+    def force(self, values, timestep, *, states=None, first=None, **_):
         push = characteristic_force(self.model, self.joint) / self.total
-        return ForceOfKernel(self, self.coefficients(values) | self.begins(values, states, push), timestep)
+        begins = self.begins(values, states, push, timestep=timestep, first=first)
+        return ForceShakenBefore(self, self.coefficients(values) | begins, timestep)
