@@ -12,6 +12,7 @@ capture train-sysid --histories scattered.zarr --identifier capture-refined --wi
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture-trajectory --identifier posterior=runs/sysid/air-hockey/capture-refined --identifier runs/sysid/air-hockey/capture-refined --rounds 20 --out runs/evaluation/air-hockey
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture-trajectory --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-noise
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier least-squares --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 5 --out runs/evaluation/air-hockey-fits
+capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier compass --identifier runs/sysid/air-hockey/capture-refined --identifier cma-es --pairs 12 --seeds 1 --rounds 5 --out runs/evaluation/air-hockey-budget
 
 # Equal data: everything that learns has the same 1,000 histories.
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --pairs 1000 --seed 1 --out equal/air-hockey.zarr

@@ -66,8 +66,7 @@ class Measured:
         trained = {e["pairs_trained"] for e in self.rows.values() if e.get("pairs_trained")}
         histories = f", trained on {_either(sorted(trained))} histories" if trained else ""
         by = f"code {code[:12]}" if code else "the code was not noted"
-        link = f"[{self.folder}](../../runs/evaluation/{self.folder}/tables.md)"
-        return f"{link}: {d['pairs']} pairs{seeds}, {d['rounds']} rounds{noise}{histories}; {by}."
+        return f"`{self.folder}`: {d['pairs']} pairs{seeds}, {d['rounds']} rounds{noise}{histories}; {by}."
 
 
 def air_hockey() -> str:
