@@ -14,7 +14,7 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Best
 from capture_cli.model.tasks import load_task
 from capture_cli.stages.identification import estimation
-from capture_cli.stages.identification.estimation import Descents, by_physics, from_where_all_show
+from capture_cli.stages.identification.estimation import Descents, Refinement, by_physics
 from capture_cli.stages.record import record
 
 
@@ -131,18 +131,18 @@ def test_what_does_not_show_at_the_nominal_value_is_looked_for_where_it_does(tmp
     found = found_in(ready)
     assert found.at.at.insensitive.tolist() == [False, True]
     with Progress("identify", "round", quiet=True) as progress:
-        better = from_where_all_show(found, progress, seed=0)
+        better = Refinement(progress, seed=0).from_where_all_show(found)
     assert better.best.parameters == pytest.approx([1.8, wall], abs=0.01)
     assert better.best.error < 1.1
 
 
 @pytest.mark.parametrize("error", [1.5, 2.5, 10.0])
-def test_far_from_explained_a_way_out_has_to_lead_far_down(prepared, error):
+def test_far_from_explained_an_escape_has_to_lead_far_down(prepared, error):
     found = found_in(prepared)
     stuck = replace(found, best=replace(found.best, error=error))
     at = found.at.at
     share = estimation.SETTINGS.least_gain * at.objectives(at.inflation).sum() / at.inflation
     assert share > estimation.SETTINGS.one_sd
-    assert estimation._worth_of_a_way(stuck) == (
+    assert estimation._worth_of_an_escape(stuck) == (
         estimation.SETTINGS.one_sd if error < estimation.SETTINGS.clearly else share
     )

@@ -30,17 +30,7 @@ from capture_cli.report.findings import STAMPS_ALONE, THIS_ESTIMATE, behind, is_
 from capture_cli.stages.documents.estimate_document import Report, unexplained
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.identification.estimation import SETTINGS as ESTIMATION
-from capture_cli.stages.identification.estimation import (
-    Descents,
-    Found,
-    by_physics,
-    by_rounds,
-    escaped,
-    from_where_all_show,
-    looked_about,
-    with_longer_differences,
-    with_profile,
-)
+from capture_cli.stages.identification.estimation import Descents, Found, Refinement, by_physics, by_rounds
 from capture_cli.stages.log_to_fit import LogToFit, read_log
 from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
 from capture_cli.stages.recorded.recorded_task import find_task
@@ -117,7 +107,7 @@ class _Search:
     def run(self) -> Found:
         """With the noise floor that repeats show, and then on with that of the residual, where that is another."""
         prepared, start, progress = self.prepared, self._start(), self.progress
-        seed, threads = self.options.seed, self.options.threads
+        seed, threads, refinement = self.options.seed, self.options.threads, self._refinement
         rollouts = prepared.rollouts
         progress.of(_step(2), "checking that each parameter moves an output")
         if self._must_show_all():
@@ -134,11 +124,13 @@ class _Search:
             rollouts += found.fits.rollouts
             found = self._find(quieter, start, found)
         progress.of(_step(4), "looking about the estimate")
-        found = looked_about(found, progress, seed=seed)
-        progress.doing("looking for what the log excludes of each parameter")
-        found = with_profile(found, progress, seed=seed)
+        found = refinement.with_profile(refinement.looked_about(found))
         found.fits.rollouts += rollouts
         return found
+
+    @property
+    def _refinement(self) -> Refinement:
+        return Refinement(self.progress, self.options.seed, self.options.threads)
 
     def _must_show_all(self) -> bool:
         """Whether a log in which a parameter moves no output is an error.
@@ -179,14 +171,8 @@ class _Search:
             found.history = [*before.history, *found.history]
         if self.options.rounds is not None or self.chosen.method is not LeastSquares:
             return found
-        self.progress.doing("looking for the differences that contacts need")
-        found = with_longer_differences(
-            found, self.progress, seed=self.options.seed, threads=self.options.threads
-        )
-        self.progress.doing("looking for a better minimum than where the fit ended")
-        found = escaped(found, self.progress, seed=self.options.seed)
-        self.progress.doing("looking where all parameters show")
-        return from_where_all_show(found, self.progress, seed=self.options.seed)
+        refinement = self._refinement
+        return refinement.from_where_all_show(refinement.escaped(refinement.with_longer_differences(found)))
 
     def _from_balance(self, fits: ModelFits, start: np.ndarray) -> tuple[np.ndarray, int]:
         """Where the fit begins, and how many descents: one, where the log gives a force balance, from what fills it

@@ -118,10 +118,10 @@ class Found:
 
 @dataclass(frozen=True)
 class Descents:
-    """How a fit descends: from so many starts, in so many rounds at most. what: it is called in the progress.
+    """How a fit descends: from so many starts, in so many rounds at most. what: its name in the progress.
 
-    idle_rounds: it also ends when so many rounds gained next to nothing, of a log that is not explained; of one that
-    is, when rounds gain nothing more that its noise would not hide.
+    idle_rounds: of a log that is not explained, the descent also ends when so many rounds gained next to nothing; of
+    one that is explained, when what rounds gain is lost in its noise.
     """
 
     seed: int
@@ -140,9 +140,9 @@ def by_physics(
     offsets: np.ndarray | None = None,
     known: Linearization | None = None,
 ) -> Found:
-    """What is found from start (parameter,) and offsets (window, state) of the starts.
+    """What is found from `start` (parameter,) and corrections of initial states, `offsets` (window, state).
 
-    known: the linearization there with fewer starts that may move, if there is one. Raises FitError where every
+    known: the linearization there, in which fewer initial states may move, if there is one. Raises FitError where every
     simulation diverged.
     """
     part = fits.prepared.part(~fits.prepared.split.is_test)
@@ -191,10 +191,10 @@ def by_rounds(
 ) -> Found:
     """Rounds over the fitted part of the log, then least squares from the best estimate of them.
 
-    The fit begins with starts where the actions say, if there are actions. Where it does not explain the log, the
-    starts are freed. Where that is far from explaining it, or the identifier has seen nothing like the log, other
-    places are tried, as without an identifier: then it was not for a wrong proposal.
-    start (parameter,). Rounds are made with episodes that the earlier estimate has not seen.
+    Where there are actions, the fit first takes the initial states that they give. If it does not explain the log,
+    initial states are fitted as well. If that is far from explaining it, or the identifier was trained on nothing like
+    the log, several places are tried, as without an identifier: the proposal may have been wrong.
+    start (parameter,). Rounds are made with episodes that are not in the earlier estimate.
     """
     fits = ModelFits(as_acted(prepared), options.threads)
     fitted = ~prepared.split.is_test
@@ -216,7 +216,7 @@ def by_rounds(
     found = by_physics(fits, nearest, progress, descents)
     history += found.history
     fallback = found.lacking
-    freed = replace(descents, what="fit with free starts", idle_rounds=SETTINGS.idle_free)
+    freed = replace(descents, what="fit with free initial states", idle_rounds=SETTINGS.idle_free)
     if fallback:
         found = _freed(ModelFits(prepared, options.threads), found, progress, freed)
         history += found.history
@@ -230,73 +230,116 @@ def by_rounds(
     return found
 
 
-def with_longer_differences(found: Found, progress: Progress, *, seed: int, threads: int | None) -> Found:
-    """`found`, from there on with finite differences as long as contacts need them there.
+@dataclass(frozen=True)
+class Refinement:
+    """What `identify` does after the first fit. Each step returns what was found, or a better fit that began there."""
 
-    They were made for the nominal values, where a machine may hit what it does not hit at the estimate, and the other
-    way about.
-    """
-    fits, part = found.fits, found.part
-    step, rollouts = difference_step(part, threads, found.best.parameters, found.best.offsets)
-    fits.rollouts += rollouts
-    if step <= part.difference_step:
+    progress: Progress
+    seed: int
+    threads: int | None = None
+
+    def with_longer_differences(self, found: Found) -> Found:
+        """`found`, fitted on with finite differences as long as contacts need them there.
+
+        Their length was chosen at the nominal values, where a machine may hit what it does not hit at the estimate, and
+        the other way about.
+        """
+        self.progress.doing("looking for the differences that contacts need")
+        fits, part, best = found.fits, found.part, found.best
+        step, rollouts = difference_step(part, self.threads, best.parameters, best.offsets)
+        fits.rollouts += rollouts
+        if step <= part.difference_step:
+            return found
+        longer = ModelFits(replace(fits.prepared, difference_step=step), self.threads)
+        longer.rollouts = fits.rollouts
+        what = "fit with longer differences"
+        return _after(found, self._again(longer, (best.parameters, best.offsets), what))
+
+    def escaped(self, found: Found) -> Found:
+        """`found`; where bodies touch or joints stop, escaped from local minima as long as that is possible.
+
+        Also where the log is explained: a descent may end where no step of parameters and initial states together leads
+        down, standard deviations from the bottom, and its intervals would not know. Far from explained no bottom is
+        the right one: an escape costs as much as a fit, and is taken only where it leads far down.
+        """
+        self.progress.doing("looking for a better minimum than where the fit ended")
+        fits, part = found.fits, found.part
+        if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.offsets):
+            return found
+        for number in range(ESCAPE.escapes):
+            what = f"escape {number + 1} of at most {ESCAPE.escapes}"
+            self.progress.doing(f"{what}, looking for it")
+            place = better_minimum(fits, part, found.at, whole_step=True, worth=_worth_of_an_escape(found))
+            if place is None:
+                break
+            again = self._again(fits, place, what)
+            if again.best.error >= found.best.error:
+                break
+            found = _after(found, again)
         return found
-    longer = ModelFits(replace(fits.prepared, difference_step=step), threads)
-    longer.rollouts = fits.rollouts
-    x, offsets = found.best.parameters, found.best.offsets
-    what = "fit with longer differences"
-    again = by_physics(longer, x, progress, Descents(seed, what, rounds=SETTINGS.again), offsets)
-    return _after(found, again)
 
-
-def escaped(found: Found, progress: Progress, *, seed: int) -> Found:
-    """`found`; where bodies touch or joints stop, escaped from local minima, as long as that is possible.
-
-    Where all is explained, too: a descent may end where no step of parameters and starts together is one down, standard
-    deviations from the bottom, and its intervals would not know. Far from explained no bottom is the right one, and a
-    way is taken only while it leads far down: each costs as much as a fit.
-    """
-    fits, part = found.fits, found.part
-    if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.offsets):
+    def from_where_all_show(self, found: Found) -> Found:
+        """`found`; where the error is insensitive to a parameter, from where it is sensitive, if that is better by more
+        than chance: the grip of a wheel that never slips with the nominal one tells nothing, and less of it may explain
+        what is left.
+        """
+        self.progress.doing("looking where all parameters show")
+        for column in np.flatnonzero(found.at.at.insensitive):
+            point = _where_it_shows(found, column)
+            if point is not None:
+                what = f"fit from where {found.at.space.names[column]} shows"
+                again = self._again(found.fits, (point, found.at.at.offsets), what)
+                gained = (found.best.error**2 - again.best.error**2) * found.at.at.data.count
+                if gained > FIT.as_good * found.at.at.inflation:
+                    return _after(found, again)
         return found
-    for number in range(ESCAPE.escapes):
-        what = f"escape {number + 1} of at most {ESCAPE.escapes}"
-        progress.doing(f"{what}, looking for it")
-        way = better_minimum(fits, part, found.at, whole_step=True, worth=_worth_of_a_way(found))
-        if way is None:
-            break
-        x, offsets = way
-        again = by_physics(fits, x, progress, Descents(seed, what, rounds=SETTINGS.again), offsets)
-        if again.best.error >= found.best.error:
-            break
-        found = _after(found, again)
-    return found
+
+    def looked_about(self, found: Found) -> Found:
+        """`found`; where it explains the log and its error is rough, from the likeliest point about it, with how sure
+        that is: a descent may end on a bump there, and sensitivities tell of the bump.
+        """
+        if not len(found.best.parameters) or found.lacking:
+            return found
+        fits, at = found.fits, found.at.at
+        covariance, _ = unit_covariance(at)
+        evaluate = partial(found.part.evaluate, fits.simulator([]))
+        if is_rough(at, covariance, evaluate):
+            sampled = sampled_posterior(at, covariance, evaluate, self.seed)
+            if sampled.gain > FIT.tolerance:
+                what = "fit from the likeliest point about"
+                found = _after(found, self._again(fits, (sampled.point, at.offsets), what))
+            found = replace(found, sampled=sampled)
+        return found
+
+    def with_profile(self, found: Found) -> Found:
+        """`found`, with what the log excludes of the parameters that it does not determine; from where the error along
+        them is lower by more than chance, if it is.
+        """
+        self.progress.doing("looking for what the log excludes of each parameter")
+        if found.cut_short is not None:
+            return _sharpened(found)
+        for worth in (*[FIT.as_good] * SETTINGS.better, np.inf):
+            found = _sharpened(found)
+            seen = profiled(found.fits, found.part, found.at, found.intervals, worth=worth)
+            if seen is None or seen.better is None:
+                break
+            again = self._again(found.fits, seen.better, "fit from a better point along a parameter")
+            found = replace(_after(found, again), sampled=None)  # that was about the point before
+        return replace(found, profile=seen)
+
+    def _again(self, fits: ModelFits, place: tuple[np.ndarray, np.ndarray], what: str) -> Found:
+        """A short descent from `place`: parameters (parameter,), and corrections of initial states (window, state)."""
+        return by_physics(
+            fits, place[0], self.progress, Descents(self.seed, what, rounds=SETTINGS.again), place[1]
+        )
 
 
-def _worth_of_a_way(found: Found) -> float:
-    """How far down a way must lead to be taken, in squares of standard deviations."""
+def _worth_of_an_escape(found: Found) -> float:
+    """How far down an escape must lead to be taken, in squares of standard deviations."""
     if found.best.error <= SETTINGS.clearly:
         return SETTINGS.one_sd
     at = found.at.at
     return max(SETTINGS.one_sd, SETTINGS.least_gain * at.objectives(at.inflation).sum() / at.inflation)
-
-
-def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found:
-    """`found`; where a parameter shows nowhere about it, from where it does, if that is better by more than chance: the
-    grip of a wheel that never slips with the nominal one tells nothing, and less of it may explain what is left.
-    """
-    for column in np.flatnonzero(found.at.at.insensitive):
-        point = _where_it_shows(found, column)
-        if point is not None:
-            offsets = found.at.at.offsets
-            what = f"fit from where {found.at.space.names[column]} shows"
-            again = by_physics(
-                found.fits, point, progress, Descents(seed, what, rounds=SETTINGS.again), offsets
-            )
-            gained = (found.best.error**2 - again.best.error**2) * found.at.at.data.count
-            if gained > FIT.as_good * found.at.at.inflation:
-                return _after(found, again)
-    return found
 
 
 def _where_it_shows(found: Found, column: int) -> np.ndarray | None:
@@ -325,60 +368,24 @@ def _where_it_shows(found: Found, column: int) -> np.ndarray | None:
     return points[np.argmin(np.where(shows, objectives, np.inf))]
 
 
-def with_profile(found: Found, progress: Progress, *, seed: int) -> Found:
-    """`found`, with what the log excludes of the parameters that it does not determine; from where the error along them
-    is lower by more than chance, if it is.
-    """
-    if found.cut_short is not None:
-        return _sharpened(found)
-    for worth in (*[FIT.as_good] * SETTINGS.better, np.inf):
-        found = _sharpened(found)
-        seen = profiled(found.fits, found.part, found.at, found.intervals, worth=worth)
-        if seen is None or seen.better is None:
-            break
-        x, offsets = seen.better
-        what = "fit from a better point along a parameter"
-        again = by_physics(found.fits, x, progress, Descents(seed, what, rounds=SETTINGS.again), offsets)
-        found = replace(_moved(found, again), sampled=None)
-    return replace(found, profile=seen)
-
-
 def _sharpened(found: Found) -> Found:
     """`found`, with sensitivities that tell what is known of parameters that are confounded."""
     return replace(found, known=found.fits.sharpened(found.part, found.at).at)
 
 
-def _moved(found: Found, again: Found) -> Found:
-    """`found`, with the best of `again`, which went on from it."""
-    return replace(found, best=again.best, known=again.known, history=[*found.history, *again.history])
-
-
 def _after(found: Found, again: Found) -> Found:
-    """`again`, which went on from `found`."""
-    return replace(again, history=[*found.history, *again.history], cut_short=found.cut_short)
-
-
-def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
-    """`found`; where it explains the log and its error is rough, from the likeliest point about it, with how sure that
-    is: a descent may end on a bump there, and sensitivities tell of the bump.
-    """
-    if not len(found.best.parameters) or found.lacking:
-        return found
-    fits, at = found.fits, found.at.at
-    covariance, _ = unit_covariance(at)
-    evaluate = partial(found.part.evaluate, fits.simulator([]))
-    if is_rough(at, covariance, evaluate):
-        sampled = sampled_posterior(at, covariance, evaluate, seed)
-        if sampled.gain > FIT.tolerance:
-            x, what = sampled.point, "fit from the likeliest point about"
-            better = by_physics(fits, x, progress, Descents(seed, what, rounds=SETTINGS.again), at.offsets)
-            found = _moved(found, better)
-        found = replace(found, sampled=sampled)
-    return found
+    """`found`, with the best of `again`, which went on from it."""
+    return replace(
+        found,
+        fits=again.fits,
+        best=again.best,
+        known=again.known,
+        history=[*found.history, *again.history],
+    )
 
 
 def _freed(fits: ModelFits, found: Found, progress: Progress, descents: Descents) -> Found:
-    """What is found from there with the starts as free as the log leaves them."""
+    """What is found from there with initial states as free as the log leaves them."""
     fits.rollouts = found.fits.rollouts
     return by_physics(fits, found.best.parameters, progress, descents, found.best.offsets, found.known)
 
