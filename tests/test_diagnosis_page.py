@@ -359,9 +359,9 @@ def test_starts_that_hide_what_is_missing_are_named():
     """Of a crane without its friction 7.9 noise floors are left where it was fitted, and 15.8 where it was judged."""
     diagnosis = make()
     declared = diagnosis.document["stages"][0]
-    assert "Believe the others" not in Page(render(diagnosis, None)).text
+    assert "Trust the other errors" not in Page(render(diagnosis, None)).text
     declared["fit"]["normalized"] = 0.5 * declared["select"]["normalized"]
-    assert "Believe the others" in Page(render(diagnosis, None)).text
+    assert "Trust the other errors" in Page(render(diagnosis, None)).text
 
 
 def test_what_is_not_there_is_not_shown():

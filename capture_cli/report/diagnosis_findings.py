@@ -105,6 +105,11 @@ def where(part: str) -> str:
     }[part]
 
 
+def normalized(stage: Mapping[str, Any], part: str) -> float | None:
+    """Error of a model over the noise floor on a part of the log; None where that part is empty."""
+    return stage[part]["normalized"] if stage[part] else None
+
+
 def changes(diagnosis: Diagnosis) -> list[Change]:
     """A row per output, in the order of the log."""
     return [_change(diagnosis.record, o["name"], o["unit"]) for o in diagnosis.attributes["outputs"]]
@@ -234,9 +239,9 @@ def left_over(record: DiagnosisRecord) -> str:
     return f"A little is left: the {beyond_chance(lack)}"
 
 
-def starts_hide(record: DiagnosisRecord) -> bool:
-    """Whether the declared model leaves far less of what was fitted than of what judged it, from the same recordings:
-    the starts of windows make up for what is missing (docs/method.md, Initial states).
+def initial_states_hide(record: DiagnosisRecord) -> bool:
+    """Whether the declared model has far less error on what was fitted than on what judged it, from the same
+    recordings: there the initial states of windows make up for what is missing (docs/method.md, Initial states).
     """
     declared = record.stages[0]
     return (
@@ -358,7 +363,7 @@ def stage_errors(diagnosis: Diagnosis) -> StageErrors:
     stages = record.stages
     parts = [part for part in PARTS if all(stage[part] for stage in stages)]
     if len(outputs) > 1:
-        errors = {part: [stage[part]["normalized"] for stage in stages] for part in parts}
+        errors = {part: [normalized(stage, part) for stage in stages] for part in parts}
         floor, floor_text, title, unit = 1.0, "1 ×", "error over the noise floor", "×"
     else:
         name, own = outputs[0]["name"], outputs[0]["unit"]

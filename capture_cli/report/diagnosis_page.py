@@ -13,7 +13,7 @@ from capture_cli.report import curve_plots, diagnosis_plots
 from capture_cli.report import diagnosis_findings as findings
 from capture_cli.report.curves import Curves
 from capture_cli.report.findings import FLOOR_SOURCES
-from capture_cli.report.page import page
+from capture_cli.report.page import page, rollouts_fact, rollouts_tile
 from capture_cli.report.prediction import predictions
 from capture_cli.store.diagnosis import Diagnosis, DiagnosisRecord
 
@@ -23,7 +23,7 @@ CODE = re.compile(r"`([^`]+)`")  # as in Markdown
 def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
     """The page as HTML. provenance: the record of provenance.json, or None where it is not known."""
     record, curves = diagnosis.record, Curves.of(diagnosis)
-    plots, stages = _plots(diagnosis, curves), record.stages
+    plots, outputs = _plots(diagnosis, curves), diagnosis.attributes["outputs"]
     # Outputs past these are folded: a page of thirty sensors must still open at once.
     open_outputs = 3
     return page(
@@ -35,35 +35,19 @@ def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
         badge=findings.TITLES[record.verdict],
         notes=[*findings.suspicions(diagnosis), *findings.notes(record)],
         tiles=_tiles(diagnosis, provenance),
-        has_effects=bool(record.effects),
-        placed=findings.placed,
-        listed=findings.listed,
+        findings=findings,
         laws=dict.fromkeys(_law(effect) for effect in record.effects),
-        formula=findings.expression(record),
-        formula_error=findings.expression_error(record),
         terms=(record.expression or {}).get("terms"),
-        parts_of_log=list(findings.PARTS),
-        part_names=list(findings.PARTS.values()),
         changes=findings.changes(diagnosis),
-        together=[[_normalized(stage, part) for stage in (stages[0], stages[-1])] for part in findings.PARTS],
-        predictions=predictions(record, diagnosis.attributes["outputs"]),
+        predictions=predictions(record, outputs),
         floor_sources=FLOOR_SOURCES,
-        starts_hide=findings.starts_hide(record),
-        stages_height=diagnosis_plots.stages_height(diagnosis),
         moved=findings.moved(record) if record.parameters else [],
-        least_moved=findings.SETTINGS.moved,
-        absorbed_height=diagnosis_plots.absorbed_height(record),
-        outputs=diagnosis.attributes["outputs"],
+        outputs=outputs,
         open_outputs=open_outputs,
         views=len(curves.slices),
-        localisation_heights={
-            k: diagnosis_plots.localisation_height(diagnosis, k)
-            for k in range(len(diagnosis.attributes["outputs"]))
-            if f"localisation-{k}" in plots
-        },
+        localised=[k for k in range(len(outputs)) if f"localisation-{k}" in plots],
         tried=_tried(record),
         key=_key,
-        next_experiment=findings.next_experiment(record),
         facts=_facts(record),
     )
 
@@ -89,27 +73,20 @@ def _tiles(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> list[t
         numbers, unit = (outputs[0].before[part], outputs[0].after[part]), outputs[0].unit
     else:
         numbers, unit = (before, after), "× floor"
-    kept = numbers if record.effects else numbers[1:]
-    shown.append((f"error {findings.where(part)}", " → ".join(significant(v) for v in kept), unit))
+    told = numbers if record.effects else numbers[1:]
+    shown.append((f"error {findings.where(part)}", " → ".join(significant(v) for v in told), unit))
     if len(outputs) == 1 and outputs[0].over is not None:
         shown.append(("over the noise floor", significant(outputs[0].over), "×"))
     elif record.effects and before:
         shown.append(("of the error is left", significant(100 * after / before, 2), "%"))
     shown.append(("effects accepted", str(len(record.effects)), f"of {len(record.candidates)} candidates"))
-    seconds = (provenance or {}).get("seconds")
-    took = "" if seconds is None else f"in {significant(seconds)} s"
-    shown.append(("rollouts simulated", counted(record.rollouts["simulated"]), took))
-    return shown
+    return [*shown, rollouts_tile(record, provenance)]
 
 
 def _law(effect: Mapping[str, Any]) -> tuple[str, tuple[tuple[bool, str], ...]]:
     """What the effect's parameters do: its name, and the first sentences of its law as (whether it is code, text)."""
     pieces = CODE.split(effect["law"].split("\n\n")[0])
     return effect["name"], tuple((k % 2 == 1, text) for k, text in enumerate(pieces))
-
-
-def _normalized(stage: Mapping[str, Any], part: str) -> float | None:
-    return stage[part]["normalized"] if stage[part] else None
 
 
 @dataclass(frozen=True)
@@ -159,8 +136,7 @@ def _facts(record: DiagnosisRecord) -> list[tuple[str, str]]:
     ]
     if record.effects:
         facts.append(("lack of fit, with what was found", _lack_of_fit(record.lack_of_fit["after"])))
-    rollouts = {kind: counted(count) for kind, count in record.rollouts.items()}
-    return [*facts, ("rollouts", f"{rollouts['measured']} measured, {rollouts['simulated']} simulated")]
+    return [*facts, rollouts_fact(record)]
 
 
 def _lack_of_fit(lack: Mapping[str, Any]) -> str:

@@ -54,13 +54,8 @@ def stages(diagnosis: Diagnosis) -> Plot:
             "tickfont": {"color": "--ink", "size": 13},
         },
     }
-    return {"data": data, "layout": layout, "config": NO_BUTTONS}
-
-
-def stages_height(diagnosis: Diagnosis) -> int:
-    """px that the plot of stages needs."""
-    found = stage_errors(diagnosis)
-    return 110 + len(found.names) * (20 + 22 * len(found.errors)) + 40 * bool(found.floor)
+    height = 110 + len(found.names) * (20 + 22 * len(found.errors)) + 40 * bool(found.floor)
+    return {"data": data, "layout": layout, "config": NO_BUTTONS, "height": height}
 
 
 def absorbed(record: DiagnosisRecord) -> Plot | None:
@@ -104,12 +99,7 @@ def absorbed(record: DiagnosisRecord) -> Plot | None:
         },
         "annotations": [_arrow(*ends) for ends in zip(before, after, names, strict=True)],
     }
-    return {"data": data, "layout": layout, "config": NO_BUTTONS}
-
-
-def absorbed_height(record: DiagnosisRecord) -> int:
-    """px that the plot of absorbed parameters needs."""
-    return 110 + 44 * len(record.absorbed)
+    return {"data": data, "layout": layout, "config": NO_BUTTONS, "height": 110 + 44 * len(rows)}
 
 
 def whiskers(parameter: Mapping[str, Any]) -> list[float]:
@@ -127,35 +117,26 @@ def localisation(diagnosis: Diagnosis, k: int) -> Plot | None:
     data, annotations, axes = [], [], {}
     columns = localisation_columns(len(rows))
     grid = -(-len(rows) // columns)
+    total = grid * SETTINGS.cell + (grid - 1) * SETTINGS.between
     factor, unit = acceleration_scale(diagnosis, k)
     has_effects = bool(diagnosis.record.effects)
     for place_, row in enumerate(rows):
         number = "" if place_ == 0 else str(place_ + 1)
         against = diagnosis.attributes["curves"][row]
         data += _curve(diagnosis, row, factor, unit, number, has_effects)
-        axes |= _cell(*divmod(place_, columns), grid, columns, number)
+        axes |= _cell(*divmod(place_, columns), total, columns, number)
         axes[f"xaxis{number}"]["title"] = {"text": drawn_against(diagnosis, row)[1], "standoff": 4}
         annotations.append(heading(curve_title(against), number))
     axes["yaxis"]["title"] = {"text": f"[{unit}]", "standoff": 4}
     layout = {
         "hovermode": "closest",
-        "legend": {
-            **LEGEND,
-            "y": 1 + 30 / (localisation_height(diagnosis, k) - SETTINGS.above - SETTINGS.under),
-            "traceorder": "normal",
-        },
+        "legend": {**LEGEND, "y": 1 + 30 / total, "traceorder": "normal"},
         "margin": {"l": 20, "r": 12, "t": SETTINGS.above, "b": SETTINGS.under},
         "annotations": annotations,
         **axes,
     }
-    return {"data": data, "layout": layout, "config": NO_BUTTONS}
-
-
-def localisation_height(diagnosis: Diagnosis, k: int) -> int:
-    """px that the plot of localisation needs."""
-    count = len(drawn_curves(diagnosis, k))
-    rows = -(-count // localisation_columns(count))
-    return SETTINGS.above + SETTINGS.under + rows * SETTINGS.cell + (rows - 1) * SETTINGS.between
+    height = SETTINGS.above + SETTINGS.under + total
+    return {"data": data, "layout": layout, "config": NO_BUTTONS, "height": height}
 
 
 def localisation_columns(count: int) -> int:
@@ -290,10 +271,9 @@ def _curve(
     return curves
 
 
-def _cell(row: int, column: int, rows: int, columns: int, number: str) -> Plot:
-    """The axes of one small plot of a grid."""
+def _cell(row: int, column: int, total: int, columns: int, number: str) -> Plot:
+    """The axes of one small plot of a grid, `total` px high."""
     left, width = column / columns, 1 / columns
-    total = rows * SETTINGS.cell + (rows - 1) * SETTINGS.between
     top = 1 - row * (SETTINGS.cell + SETTINGS.between) / total
     matched = {} if row == column == 0 else {"matches": "y"}
     return {

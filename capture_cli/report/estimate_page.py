@@ -9,7 +9,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import counted, significant
 from capture_cli.report import curve_plots, findings, parameter_plots
 from capture_cli.report.curves import Curves
-from capture_cli.report.page import page
+from capture_cli.report.page import page, rollouts_fact, rollouts_tile
 from capture_cli.report.prediction import predictions
 from capture_cli.store.estimate import Estimate, EstimateRecord
 
@@ -34,15 +34,12 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
         notes=[*findings.suspicions(estimate), *findings.notes(record)],
         tiles=_tiles(record, provenance),
         next_command=findings.next_command(record, (provenance or {}).get("options", {}).get("out")),
-        untrusted=findings.UNTRUSTED,
+        findings=findings,
         errors=findings.output_errors(estimate),
-        together=[findings.normalized(record, part) for part in ("fit", "test")],
         predictions=predictions(record, estimate.attributes["outputs"]),
-        floor_sources=findings.FLOOR_SOURCES,
         outputs=estimate.attributes["outputs"],
         open_outputs=SETTINGS.open_outputs,
         views=len(curves.slices),
-        recordings_height=parameter_plots.recordings_height(record) if "recordings" in plots else None,
         facts=_facts(record),
     )
 
@@ -69,18 +66,14 @@ def _tiles(record: EstimateRecord, provenance: Mapping[str, Any] | None) -> list
     if parameters:
         determined = sum(p["identifiable"] for p in parameters)
         shown.append(("parameters determined", str(determined), f"of {len(parameters)}"))
-    seconds = (provenance or {}).get("seconds")
-    took = "" if seconds is None else f"in {significant(seconds)} s"
-    shown.append(("rollouts simulated", counted(record.rollouts["simulated"]), took))
-    return shown
+    return [*shown, rollouts_tile(record, provenance)]
 
 
 def _facts(record: EstimateRecord) -> list[tuple[str, str]]:
     split = record.split
     windows = f"{counted(split['fit_windows'])} windows fitted, {counted(split['test_windows'])} held out"
-    rollouts = {kind: counted(count) for kind, count in record.rollouts.items()}
     return [
         ("identifier", record.identifier),
         ("split", f"{split['how']}: {windows}"),
-        ("rollouts", f"{rollouts['measured']} measured, {rollouts['simulated']} simulated"),
+        rollouts_fact(record),
     ]

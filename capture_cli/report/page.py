@@ -23,12 +23,13 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from capture_cli.common import quantities
+from capture_cli.store.result import Record
 
 
 def page(template: str, *, plots: Mapping[str, Any], curves: Mapping[str, Any] | None, **shown: Any) -> str:
     """The whole page by a template that extends page.html. shown: what it shows, texts and numbers as they are.
 
-    plots: plotly figures ({"data", "layout"}) by the id of the `plot` that shows them.
+    plots: plotly figures ({"data", "layout", "config", "height"}) by the id of the `plot` that shows them.
     curves: {"sets": {SET: {SERIES: packed}}, "views": [{"label", "set", "first", "last"}, …]}. A trace with
     "meta": {"series": NAME} takes its points from there: those of the view that the reader has chosen.
     """
@@ -125,6 +126,19 @@ def _moment(began: str) -> str:
     """An ISO time as people write it."""
     at = datetime.fromisoformat(began)
     return f"{at.day} {at:%B %Y, %H:%M} UTC"
+
+
+def rollouts_tile(record: Record, provenance: Mapping[str, Any] | None) -> tuple[str, str, str]:
+    """(title, number, what it counts): how much was simulated, and how long that took."""
+    seconds = (provenance or {}).get("seconds")
+    took = "" if seconds is None else f"in {quantities.significant(seconds)} s"
+    return "rollouts simulated", quantities.counted(record.rollouts["simulated"]), took
+
+
+def rollouts_fact(record: Record) -> tuple[str, str]:
+    """(title, text): how much was measured and simulated."""
+    rollouts = {kind: quantities.counted(count) for kind, count in record.rollouts.items()}
+    return "rollouts", f"{rollouts['measured']} measured, {rollouts['simulated']} simulated"
 
 
 # --- cells of a table of parameters ---

@@ -12,7 +12,6 @@ from capture_cli.report.findings import correlation
 from capture_cli.report.plotly_parts import NO_BUTTONS, Plot, band, heading, in_template, line, rounded
 from capture_cli.store.estimate import Estimate, EstimateRecord
 
-# They would lie over the titles of small plots.
 # Of one luminance, so that they hold on light and on dark.
 PATHS = ("#2f7fb8", "#d9772b", "#3c9d6b", "#9a6fd0", "#c25573", "#8c7a3d", "#4f9fa5", "#7d8790")
 
@@ -103,7 +102,10 @@ def recordings(record: EstimateRecord) -> Plot | None:
     if len(names) < 2 or not parameters:
         return None
     data, annotations, shapes, axes = [], [], [], {}
-    rows, columns = _panels(record)
+    # as many beside each other as their titles allow
+    longest = max(len(_recording_title(record, name)) for name in parameters)
+    columns = min(len(parameters), 3 if longest <= 24 else 2)
+    rows = -(-len(parameters) // columns)
     for k, (name, own) in enumerate(parameters.items()):
         joint, number = record.parameters[name], "" if k == 0 else str(k + 1)
         axes |= _panel(*divmod(k, columns), rows, columns, number)
@@ -115,21 +117,8 @@ def recordings(record: EstimateRecord) -> Plot | None:
             )
     margin = {"l": 20, "r": 12, "t": 30, "b": 34 if rows == 1 else 10}
     layout = {"hovermode": "closest", "margin": margin, "annotations": annotations, "shapes": shapes, **axes}
-    return {"data": data, "layout": layout, "config": NO_BUTTONS}
-
-
-def recordings_height(record: EstimateRecord) -> int:
-    """px that the plot of recordings needs."""
-    rows, _ = _panels(record)
-    return rows * (75 + 26 * len(record.recordings["names"])) + 30
-
-
-def _panels(record: EstimateRecord) -> tuple[int, int]:
-    """(rows, columns) of small plots, as many beside each other as their titles allow."""
-    parameters = record.recordings["parameters"]
-    longest = max(len(_recording_title(record, name)) for name in parameters)
-    columns = min(len(parameters), 3 if longest <= 24 else 2)
-    return -(-len(parameters) // columns), columns
+    height = rows * (75 + 26 * len(names)) + 30
+    return {"data": data, "layout": layout, "config": NO_BUTTONS, "height": height}
 
 
 def _recording_title(record: EstimateRecord, name: str) -> str:

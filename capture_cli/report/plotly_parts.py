@@ -1,4 +1,7 @@
-"""Pieces of plotly figures, in plain dicts. Colours are the names that page.css gives them."""
+"""Pieces of plotly figures, in plain dicts. Colours are the names that page.css gives them.
+
+A plot may say its "height", px; the template says that of the others.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import numpy as np
 
 Plot = dict[str, Any]
 
+# They would lie over the titles of small plots.
 NO_BUTTONS = {"displayModeBar": False}
 
 
