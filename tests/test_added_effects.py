@@ -207,7 +207,7 @@ def diagnosis(folder: Path, task: Path, effects: list[dict], name: str = "slider
     parameters = {n: {"value": v, "unit": "kg", "low": 0.0, "high": 8.0} for n, v in values.items()}
     document = {
         "format": "capture/diagnosis",
-        "version": Diagnosis.VERSION,
+        "version": Diagnosis.KIND.version,
         "task": name,
         "log": {"path": str(log), "sha256": "", "first_time": 0.0},
         "verdict": "effect-found",
@@ -512,7 +512,7 @@ def test_a_training_with_a_drawn_effect_goes_on_to_the_same_bytes(reaching, tmp_
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(SacTrainer, "train", interrupted)
         train_policy(out=tmp_path / "parts", **options)
-    with pytest.raises(OptionError, match="begun otherwise"):
+    with pytest.raises(OptionError, match="the earlier run differs"):
         train_policy(out=tmp_path / "parts", **{**options, "effects": []}, resume=True)
     train_policy(out=tmp_path / "parts", **options, resume=True)
     for name in ("policy.json", "policy.safetensors", "metrics.jsonl"):
@@ -525,7 +525,7 @@ def test_a_training_with_a_drawn_effect_goes_on_to_the_same_bytes(reaching, tmp_
 def test_half_of_the_actions_are_mirrored_only_where_the_machine_is_alike_there(
     tmp_path, monkeypatch, learn, effect, mirrored
 ):
-    set_numbers(monkeypatch, train_policy_stage, unseen=16)
+    set_numbers(monkeypatch, train_policy_stage, held_out=16)
     set_numbers(monkeypatch, train_policy_stage, evaluated=16)
     sizes = {"steps": 64, "envs": 32, "evaluations": 1, "width": 8, "layers": 1, "batch": 16, "updates": 1}
     made = train_policy(task="air-hockey", out=tmp_path / "p", effects=[effect], threads=1, **sizes)

@@ -134,7 +134,7 @@ def test_another_run_is_refused(asked, whole, tmp_path):
     with pytest.raises(OutputError, match=r"an earlier run left .* unfinished") as caught:
         diagnose(out=out, **asked)
     assert "--resume" in caught.value.cure and "--force" in caught.value.cure
-    with pytest.raises(OptionError, match=r"begun otherwise: options\.seed was 0, now 1\n") as caught:
+    with pytest.raises(OptionError, match=r"the earlier run differs: options\.seed was 0, now 1\n") as caught:
         diagnose(out=out, resume=True, seed=1, **asked)
     assert "--force" in caught.value.cure
     model = task.with_name("model.xml")
@@ -142,13 +142,17 @@ def test_another_run_is_refused(asked, whole, tmp_path):
     text = model.read_text()
     try:
         model.write_text(text + "<!-- another -->")
-        with pytest.raises(OptionError, match=r"begun otherwise: inputs\.model was \w{12}, now \w{12}\n"):
+        with pytest.raises(
+            OptionError, match=r"the earlier run differs: inputs\.model was \w{12}, now \w{12}\n"
+        ):
             diagnose(out=out, resume=True, **asked)
     finally:
         model.write_text(text)
     other = tmp_path / "other.zarr"
     record(task=str(task), out=other, noise=5e-4, rate=125, episodes=8, duration=1.0, seed=4)
-    with pytest.raises(OptionError, match=r"begun otherwise: inputs\.real_log was \w{12}, now \w{12}\n"):
+    with pytest.raises(
+        OptionError, match=r"the earlier run differs: inputs\.real_log was \w{12}, now \w{12}\n"
+    ):
         diagnose(out=out, resume=True, **{**asked, "real_log": other})
     assert sorted(unfinished(out).rglob("*")) == kept
     found = diagnose(out=out, force=True, **{**asked, "real_log": other})
@@ -158,7 +162,7 @@ def test_another_run_is_refused(asked, whole, tmp_path):
 def test_other_code_is_refused(asked, tmp_path, monkeypatch):
     interrupted(tmp_path / "d", asked, after=1)
     monkeypatch.setattr("capture_cli.store.provenance.code_hash", lambda: "0" * 64)
-    with pytest.raises(OptionError, match=r"begun otherwise: code was \w{12}, now 000000000000\n"):
+    with pytest.raises(OptionError, match=r"the earlier run differs: code was \w{12}, now 000000000000\n"):
         diagnose(out=tmp_path / "d", resume=True, **asked)
 
 

@@ -109,8 +109,8 @@ def _doubted(proposed: dict[str, Any], estimate: Estimate) -> dict[str, Any]:
 
 def _window(folder: Path) -> float | None:
     """s, what --window said when the estimate in `folder` was made."""
-    options = read_provenance(folder, Estimate.CURE)["options"]
-    check_shape(options, {"window?": or_none(NUMBER)}, f"{folder / PROVENANCE}: options", Estimate.CURE)
+    options = read_provenance(folder, Estimate.KIND.cure)["options"]
+    check_shape(options, {"window?": or_none(NUMBER)}, f"{folder / PROVENANCE}: options", Estimate.KIND.cure)
     return options.get("window")
 
 
@@ -238,16 +238,16 @@ def _of_diagnosis(task: Task, options: ProposeOptions) -> dict[str, Any]:
             "one of its menu would separate",
             cure="propose from the estimate instead: capture propose ESTIMATE",
         )
-    check_shape(experiment, EXPERIMENT, f"{folder / 'diagnosis.json'}: next_experiment", Diagnosis.CURE)
+    check_shape(experiment, EXPERIMENT, f"{folder / 'diagnosis.json'}: next_experiment", Diagnosis.KIND.cure)
     if options.beyond_log and (farther := experiment.get("beyond_log")):
         where = f"{folder / 'diagnosis.json'}: next_experiment.beyond_log"
-        check_shape(farther, EXPERIMENT, where, Diagnosis.CURE)
+        check_shape(farther, EXPERIMENT, where, Diagnosis.KIND.cure)
         experiment = farther
     farthest = [
         peak(task.model, c, amplitude) if c.name in amplitude else p
         for c, p in zip(task.inputs, experiment["peaks"], strict=True)
     ]
-    # one of before experiments kept their seed is driven by that of the proposal
+    # an experiment of an earlier version has no seed: that of the proposal drives it
     time, sequence = experiment_sequence(task, {"seed": options.seed, **experiment, "peaks": farthest})
     judged = {k: experiment[k] for k in ("is_near", "predicted") if k in experiment}
     text = experiment["text"]
@@ -315,7 +315,7 @@ def _farthest(folder: Path, task: Task, estimate: Estimate, amplitude: Mapping[s
     if {c.name for c in task.inputs} <= set(amplitude):
         return peaks(task, amplitude)
     log = estimate.record.log
-    # estimates of before the peaks were kept have none
+    # estimates of earlier versions have no peaks
     return peaks(task, (log.get("input_peaks") or recorded_log(folder, log).input_peaks) | dict(amplitude))
 
 

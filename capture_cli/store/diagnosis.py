@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from capture_cli.store.document_shape import BOUNDS, FLAG, NUMBER, OBJECT, POSITIVE, TEXT, WHOLE, or_none
-from capture_cli.store.result import Record, Result, Row, Rows
+from capture_cli.store.result import DocumentKind, Record, Result, Row, Rows
 from capture_cli.store.schema import STARTS, STEPS, WINDOWS, ArraySpec, Schema
 
 FORMAT = "capture/diagnosis"
@@ -86,7 +86,5 @@ class DiagnosisRecord(Record):
 class Diagnosis(Result):
     """diagnosis.json and diagnosis.zarr."""
 
-    NAME, CURE = "diagnosis", _CURE
-    FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
-    SHAPE = SHAPE
-    RECORD = DiagnosisRecord
+    NAME, SCHEMA, RECORD = "diagnosis", SCHEMA, DiagnosisRecord
+    KIND = DocumentKind(FORMAT, VERSION, _CURE, SHAPE)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from capture_cli.store.document_shape import FLAG, NUMBER, OBJECT, TEXT, WHOLE, or_none
-from capture_cli.store.result import Record, Result, Row
+from capture_cli.store.result import DocumentKind, Record, Result, Row
 from capture_cli.store.schema import STARTS, STEPS, WINDOWS, ArraySpec, Schema
 
 FORMAT = "capture/estimate"
@@ -21,8 +21,10 @@ SCHEMA = Schema(
     version=1,
     arrays=(
         *WINDOWS,
-        ArraySpec("window/is_test", "window", "-", "True: held out; only its start is fitted", dtype="bool"),
-        ArraySpec("window/start_offset", "window state", "SI", "refinement of the start"),
+        ArraySpec(
+            "window/is_test", "window", "-", "True: held out; only its initial state is fitted", dtype="bool"
+        ),
+        ArraySpec("window/start_offset", "window state", "SI", "correction of its initial state"),
         *STARTS,
         *STEPS,
         ArraySpec("step/simulated", "step output", "per output", "simulated at the estimate"),
@@ -90,8 +92,5 @@ class EstimateRecord(Record):
 class Estimate(Result):
     """estimate.json and estimate.zarr."""
 
-    NAME, CURE = "estimate", _CURE
-    FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
-    SHAPE = SHAPE
-    RECORD = EstimateRecord
-    EARLIER = {1: lambda document: {**document, "effects": []}}  # noqa: RUF012
+    NAME, SCHEMA, RECORD = "estimate", SCHEMA, EstimateRecord
+    KIND = DocumentKind(FORMAT, VERSION, _CURE, SHAPE, {1: lambda document: {**document, "effects": []}})

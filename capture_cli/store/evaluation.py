@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.store.document_shape import COUNT, EFFECTS, NUMBER, NUMBERS, TEXT, or_none
-from capture_cli.store.result import Keys, Result, Row, Rows
+from capture_cli.store.result import DocumentKind, Keys, Result, Row, Rows
 from capture_cli.store.schema import ArraySpec, Schema
 
 FORMAT = "capture/evaluation"
@@ -165,10 +165,8 @@ class SuiteRecord(Keys):
 class Evaluation(Result):
     """evaluation.json and evaluation.zarr."""
 
-    NAME, CURE = "evaluation", _CURE
-    FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
-    SHAPE = SHAPE
-    EARLIER = EARLIER
+    NAME, SCHEMA = "evaluation", SCHEMA
+    KIND = DocumentKind(FORMAT, VERSION, _CURE, SHAPE, EARLIER)
 
 
 def joined(parts: list[Mapping[str, np.ndarray]], axis: str) -> dict[str, np.ndarray]:

@@ -61,21 +61,29 @@ class Record(Keys):
 
 
 @dataclass(frozen=True)
+class DocumentKind:
+    """What a JSON document is: its format and version. cure: of one that cannot be read. shape: of what is read of it.
+
+    earlier: for each version before this one that is read, what makes its document one of the next.
+    """
+
+    format: str
+    version: int
+    cure: str
+    shape: Mapping[str, Any] = field(default_factory=dict)
+    earlier: Migrations = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Result:
     """NAME.json as a dict (`document`) and the arrays of NAME.zarr by path.
 
-    FORMAT and VERSION are those of NAME.json, and SCHEMA is that of NAME.zarr. CURE: of one that cannot be read.
-    SHAPE, EARLIER: as `DocumentKind` has them. RECORD: of the document.
+    KIND is that of NAME.json, and SCHEMA that of NAME.zarr. RECORD: of the document.
     """
 
     NAME: ClassVar[str]
-    FORMAT: ClassVar[str]
-    VERSION: ClassVar[int]
+    KIND: ClassVar[DocumentKind]
     SCHEMA: ClassVar[Schema]
-    CURE: ClassVar[str]
-    SHAPE: ClassVar[Mapping[str, Any]] = {}
-    EARLIER: ClassVar[Migrations] = {}
-
     RECORD: ClassVar[type[Record]] = Record
 
     document: dict[str, Any]
@@ -105,9 +113,8 @@ class Result:
     def read_document(cls, folder: Path) -> dict[str, Any]:
         """NAME.json alone. Raises StoreError where there is none, or it is damaged or of another version."""
         name = f"{cls.NAME}.json"
-        kind = DocumentKind(cls.FORMAT, cls.VERSION, cls.CURE, cls.SHAPE, cls.EARLIER)
-        document = read_result(Path(folder), name, kind)
-        check_bounds(document, Path(folder) / name, cls.CURE)
+        document = read_result(Path(folder), name, cls.KIND)
+        check_bounds(document, Path(folder) / name, cls.KIND.cure)
         return document
 
 
@@ -145,20 +152,6 @@ def read_provenance(folder: Path, cure: str) -> dict[str, Any]:
     """The provenance.json of a result directory. Raises StoreError where it is none, damaged or of another version."""
     shape = {"options": OBJECT, "inputs": {str: {"path": TEXT, "sha256": TEXT}}}
     return read_result(folder, PROVENANCE, DocumentKind(provenance.FORMAT, provenance.VERSION, cure, shape))
-
-
-@dataclass(frozen=True)
-class DocumentKind:
-    """What a JSON document is: its format and version. cure: of one that cannot be read. shape: of what is read of it.
-
-    earlier: for each version before this one that is read, what makes its document one of the next.
-    """
-
-    format: str
-    version: int
-    cure: str
-    shape: Mapping[str, Any] = field(default_factory=dict)
-    earlier: Migrations = field(default_factory=dict)
 
 
 def read_result(folder: Path, name: str, kind: DocumentKind) -> dict[str, Any]:

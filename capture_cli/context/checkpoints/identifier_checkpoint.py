@@ -90,7 +90,7 @@ def _named_by_its_tokens(document: Mapping[str, Any]) -> Mapping[str, Any]:
     return document
 
 
-EARLIER = {1: _of_no_effects, 2: _named_by_its_tokens}
+KIND = DocumentKind(FORMAT, VERSION, _AGAIN, SHAPE, {1: _of_no_effects, 2: _named_by_its_tokens})
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def save_identifier(model: TrainedModel, document: Mapping[str, Any], folder: Pa
 
 def read_document(path: Path) -> Mapping[str, Any]:
     """identifier.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
-    found = read_result(path, DOCUMENT, DocumentKind(FORMAT, VERSION, _AGAIN, SHAPE, EARLIER))
+    found = read_result(path, DOCUMENT, KIND)
     names = [p["name"] for p in found["signature"]["parameters"]]
     for key in OF_PARAMETERS:
         if sorted(found["result"][key]) != sorted(names):

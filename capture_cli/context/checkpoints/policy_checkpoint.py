@@ -35,9 +35,9 @@ SHAPE = {
     "training?": {"steps": COUNT},
     "result?": {"episodes": COUNT, **_JUDGED, "random": _JUDGED},
 }
-EARLIER = {1: lambda document: {**document, "effects": []}}
 TRAINED = {"training": OBJECT, "result": OBJECT}  # of what `train-policy` wrote, too
 AGAIN = "train the policy again with `train-policy`"
+KIND = DocumentKind(FORMAT, VERSION, AGAIN, SHAPE, {1: lambda document: {**document, "effects": []}})
 
 
 def save_policy(
@@ -160,7 +160,7 @@ def read_policy(path: Path, *, trained: bool = False) -> dict[str, Any]:
 
     trained: it has to say how it was trained and judged, too.
     """
-    found = read_result(path, SETTINGS, DocumentKind(FORMAT, VERSION, AGAIN, SHAPE, EARLIER))
+    found = read_result(path, SETTINGS, KIND)
     if trained:
         check_shape(found, TRAINED, path / SETTINGS, AGAIN)
     for kind, bounds in found["bounds"].items():

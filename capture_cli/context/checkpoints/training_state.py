@@ -84,8 +84,8 @@ def check_recipe(earlier: Mapping[str, Any], recipe: Mapping[str, Any]) -> None:
     wanted = json.loads(json.dumps(recipe))
     if earlier != wanted:
         raise OptionError(
-            f"--resume: the run was begun otherwise: {'; '.join(_differences(earlier, wanted))}",
-            cure="give the options it was begun with, or begin anew with --force",
+            f"--resume: the earlier run differs: {'; '.join(_differences(earlier, wanted))}",
+            cure="give the options that it began with, or begin anew with --force",
         )
 
 

@@ -87,8 +87,8 @@ def _refuse_other(found: dict[str, Any], wanted: dict[str, Any], where: str) -> 
     if other:
         differences = "; ".join(f"{k} was {_short(found[k])}, now {_short(wanted[k])}" for k in other)
         raise OptionError(
-            f"--resume: {where} was begun otherwise: {differences}",
-            cure="give the options it was begun with, or begin anew with --force",
+            f"--resume: the run at {where} differs: {differences}",
+            cure="give the options that it began with, or begin anew with --force",
         )
 
 

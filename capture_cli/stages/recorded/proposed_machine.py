@@ -21,7 +21,7 @@ def proposed_machine(folder: Path, task: str | None) -> tuple[Task, str]:
     """The task of the result in `folder`, `task` where that is given, and where its log was. Raises CaptureError."""
     kind: type[Result] = Diagnosis if is_diagnosis(folder) else Estimate
     record = kind.RECORD.of(kind.read_document(folder))
-    provenance, log = read_provenance(folder, kind.CURE), record.log["path"]
+    provenance, log = read_provenance(folder, kind.KIND.cure), record.log["path"]
     machine = load_recorded(folder, provenance, task, log)
     if kind is Estimate:  # that of a diagnosis is the declared one, beside which its effects are judged
         machine = machine.with_effects(placed_effects(recorded_effects(record.effects, machine, "identify")))
