@@ -277,9 +277,9 @@ def test_what_was_held_out_stays_so_as_episodes_come(first, held, then, all_held
         "window/first": 100 * np.arange(len(first)),
         "window/is_test": np.isin(np.arange(len(first)), held),
     }
-    earlier = EarlierEstimate(
-        Path("e"), SimpleNamespace(arrays=arrays), {"options": {"test": None}}, int(first[-1]) + 1
-    )
+    record = SimpleNamespace(rollouts={"measured": int(first[-1]) + 1}, split={"how": ""})
+    estimate = SimpleNamespace(arrays=arrays, record=record)
+    earlier = EarlierEstimate(Path("e"), estimate, {"options": {"test": None}})
     windows = SimpleNamespace(
         episode=episode, first=100 * np.arange(len(episode)), samples=np.full(len(episode), 100)
     )

@@ -116,7 +116,7 @@ def test_an_estimate_is_taken_up_with_the_episodes_that_are_new(scooping, tmp_pa
     episodes_of(log, range(5)).write(tmp_path / "log.zarr")
     options = {"out": tmp_path / "e", "threads": 1, "quiet": True}
     first = identify(real_log=tmp_path / "log.zarr", identifier=str(scooping / "c"), **options)
-    with pytest.raises(OptionError, match=r"no episode that .* has not seen"):
+    with pytest.raises(OptionError, match=r"no episode that is not in .*"):
         identify(real_log=tmp_path / "log.zarr", resume=True, **options)
     shutil.rmtree(tmp_path / "log.zarr")
     log.write(tmp_path / "log.zarr")

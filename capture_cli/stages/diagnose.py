@@ -58,15 +58,17 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
     if complete:
         return _completed(options.out, provenance)
     warn_of_wide_bounds(found)
-    nominal = found.space.nominal if begin is None else begin.values(found)
-    with unfinished_diagnosis(options, provenance.document()) as (folder, kept):
+    if begin is not None:
+        begin.check_task(found, "identify again with the task as it is now")
+    nominal = found.space.nominal if begin is None else begin.values
+    with unfinished_diagnosis(options, provenance.document()) as (folder, checkpoint):
         settings = Settings(
             starts=options.starts,
             most_effects=options.most_effects,
             expression=options.expression,
             seed=options.seed,
             threads=options.threads,
-            checkpoint=kept,
+            checkpoint=checkpoint,
             limit=limit,
         )
         with Progress("diagnose", "model", quiet=options.quiet) as progress:
@@ -144,7 +146,7 @@ def _distinct(found: Sequence[str]) -> int:
 def _completed(out: Path, provenance: Provenance) -> Diagnosis:
     """The diagnosis at `out`, if it is what this run would make. Raises CaptureError otherwise."""
     diagnosis = Diagnosis.read(out)
-    made, options = read_provenance(out, Diagnosis.CURE), (*OPTIONS, *ENDS)
+    made, options = read_provenance(out, Diagnosis.KIND.cure), (*OPTIONS, *ENDS)
     check_recipe(recipe_of(made, options), recipe_of(provenance.document(), options))
     return diagnosis
 

@@ -26,7 +26,7 @@ from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.options.base import takes_options
 from capture_cli.options.identify import IdentifyOptions
-from capture_cli.report.findings import STAMPS_ALONE, THIS_ESTIMATE, behind, is_fit_explained, suspicions
+from capture_cli.report.findings import THIS_ESTIMATE, is_fit_explained, jitter_share, suspicions
 from capture_cli.stages.documents.estimate_document import Report, unexplained
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.identification.estimation import SETTINGS as ESTIMATION
@@ -105,7 +105,7 @@ class _Search:
     earlier: EarlierEstimate | None
 
     def run(self) -> Found:
-        """With the noise floor that repeats show, and then on with that of the residual, where that is another."""
+        """Fit with the noise floor that repeats show; then go on with that of the residual, where it is another."""
         prepared, start, progress = self.prepared, self._start(), self.progress
         seed, threads, refinement = self.options.seed, self.options.threads, self._refinement
         rollouts = prepared.rollouts
@@ -135,16 +135,16 @@ class _Search:
     def _must_show_all(self) -> bool:
         """Whether a log in which a parameter moves no output is an error.
 
-        Not where rounds in context are made of actions: the first few need not reach every wall. What was learned
-        proposes a value all the same, the verdict names what the log leaves open, and the next action is chosen by it.
+        Not where rounds in context are made of actions: the first few need not reach every wall. The learned identifier
+        proposes a value all the same, the verdict names what the log leaves open, and the next action depends on it.
         """
         return self.chosen.checkpoint is None or not isinstance(self.prepared.task, ActionTask)
 
     def _start(self) -> np.ndarray:
-        return self.prepared.task.space.nominal if self.earlier is None else self.earlier.parameters
+        return self.prepared.task.space.nominal if self.earlier is None else self.earlier.values
 
     def _find(self, prepared: PreparedLog, start: np.ndarray, before: Found | None = None) -> Found:
-        """before: found with another noise floor; physics goes on from there, rounds in context are made anew."""
+        """before: found with another noise floor. A fit begins there; rounds in context are made anew."""
         new = None if self.earlier is None else self.earlier.new(prepared.windows)
         if self.chosen.checkpoint is not None and (new is None or (new & ~prepared.split.is_test).any()):
             return by_rounds(prepared, self.chosen, self.options, self.earlier, start, self.progress)
@@ -190,8 +190,8 @@ def _step(number: int) -> str:
 
 
 def _with_misread(estimate: Estimate, search: _Search) -> Estimate:
-    """The estimate, which leaves what no physics would, with the channels that seem to be misread; its summary says
-    that it may be so. Actions have no channels of the log's.
+    """The estimate, whose error is larger than physics leaves, with the channels that seem to be misread, of which its
+    summary tells. Tasks of actions have no such channels.
     """
     if not isinstance(search.prepared.task, ActionTask):
         misread, simulated = _misread(search)
@@ -210,8 +210,8 @@ def _with_misread(estimate: Estimate, search: _Search) -> Estimate:
 
 
 def _misread(search: _Search) -> tuple[dict[str, Any] | None, int]:
-    """Channels whose sign, unit or column leaves what no physics would, None where none is found; and how many windows
-    were simulated to see it.
+    """Channels that seem to have another sign, unit or column, None where none does; and how many windows this took to
+    simulate.
     """
     progress = search.progress
 
@@ -223,9 +223,9 @@ def _misread(search: _Search) -> tuple[dict[str, Any] | None, int]:
 
 
 def _lacks(record: EstimateRecord) -> bool:
-    """Whether the model lacks something: not where the search was cut short, or time stamps alone are behind it."""
+    """Whether the model lacks something: not where the search was cut short, or time-stamp jitter explains it all."""
     lacking = record.verdict == "unexplained" and not is_fit_explained(record)
-    return lacking and not (record.cut_short or behind(record) == STAMPS_ALONE)
+    return lacking and not (record.cut_short or jitter_share(record) == 1)
 
 
 def _import_meanwhile(modules: Sequence[str]) -> None:

@@ -34,13 +34,13 @@ from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.excitation.drive import Drive, acted
 from capture_cli.stages.excitation.planned_episodes import Known, planned
 from capture_cli.stages.recorded.proposed_machine import is_diagnosis, proposed_machine
+from capture_cli.stages.recorded.recorded_estimate import RecordedEstimate
 from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.store.diagnosis import EXPERIMENT, Diagnosis
 from capture_cli.store.document_shape import NUMBER, check_shape, or_none
 from capture_cli.store.estimate import Estimate
 from capture_cli.store.output import PROVENANCE, refuse_inputs, sha256
 from capture_cli.store.proposal import FORMAT, VERSION, ProposalRecord
-from capture_cli.store.result import read_provenance
 
 
 @frozen
@@ -73,17 +73,11 @@ def propose(options: ProposeOptions) -> dict[str, Any]:
                 cure="leave it out, or propose from the estimate",
             )
         return _of_diagnosis(machine, options)
-    estimate = Estimate.read(result)
-    if estimate.record.task != machine.name or tuple(estimate.record.parameters) != machine.space.names:
-        raise OptionError(
-            f"{result} is of the task {estimate.record.task!r} with "
-            f"({', '.join(estimate.record.parameters)}); this one is {machine.name!r} with "
-            f"({', '.join(machine.space.names)})",
-            cure="give the task it was made with (--task), or identify again",
-        )
-    measured = int(estimate.record.rollouts["measured"])
-    generator = np.random.default_rng([options.seed, measured])  # another draw after every episode
-    known = Known.of(machine, estimate, _window(result))
+    recorded = RecordedEstimate.read(result)
+    recorded.check_task(machine, "give the task it was made with (--task), or identify again")
+    estimate = recorded.estimate
+    generator = np.random.default_rng([options.seed, recorded.episodes])  # another draw after every episode
+    known = Known.of(machine, estimate, _window(recorded))
     if isinstance(machine, ActionTask):
         if amplitude:
             raise OptionError(f"--amplitude: {machine.name!r} is driven by actions", cure="leave it out")
@@ -100,18 +94,18 @@ def propose(options: ProposeOptions) -> dict[str, Any]:
 
 
 def _doubted(proposed: dict[str, Any], estimate: Estimate) -> dict[str, Any]:
-    """What is proposed for the estimate, and what that is worth where the model lacks something."""
+    """The proposal for the estimate, with a warning where the model lacks something."""
     if estimate.record.verdict != "unexplained":
         return proposed
     doubt = "; the model does not explain its log, and then what is expected means little"
     return {**proposed, "text": proposed["text"] + doubt}
 
 
-def _window(folder: Path) -> float | None:
-    """s, what --window said when the estimate in `folder` was made."""
-    options = read_provenance(folder, Estimate.KIND.cure)["options"]
-    check_shape(options, {"window?": or_none(NUMBER)}, f"{folder / PROVENANCE}: options", Estimate.KIND.cure)
-    return options.get("window")
+def _window(recorded: RecordedEstimate) -> float | None:
+    """s, what --window said when the estimate was made."""
+    where = f"{recorded.path / PROVENANCE}: options"
+    check_shape(recorded.options, {"window?": or_none(NUMBER)}, where, Estimate.KIND.cure)
+    return recorded.options.get("window")
 
 
 # --- what an episode would add ---
@@ -120,7 +114,7 @@ def _window(folder: Path) -> float | None:
 def _most_telling(
     task: Task, driven: Drive, known: Known, threads: int | None, cure: str
 ) -> tuple[int, np.ndarray, dict[str, Any]]:
-    """Which episode of `driven` adds most to the estimate, what each adds (episode,), nats, and what of that is said.
+    """Which episode of `driven` adds most to the estimate, what each adds (episode,), nats, and the expected numbers.
 
     -inf of one that diverges. Raises OptionError where all do.
     """
@@ -165,12 +159,7 @@ def _by_policy(task: ActionTask, policy: str, estimate: Estimate, generator) -> 
 
 
 def _multisine(
-    task: Task,
-    known: Known,
-    farthest: np.ndarray,
-    shown: ExcitationRange,
-    options: ProposeOptions,
-    generator,
+    task: Task, known: Known, farthest: np.ndarray, shown: ExcitationRange, options: ProposeOptions, generator
 ) -> dict[str, Any]:
     """Of every band the two strongest that stay near what the log shows are compared."""
     threads, beyond_log = options.threads, options.beyond_log
@@ -257,11 +246,7 @@ def _of_diagnosis(task: Task, options: ProposeOptions) -> dict[str, Any]:
         where, judged = _driven_to(task, found, experiment, time, sequence, options.threads)
         told = ", ".join(f"{name} {value:g}" for name, value in amplitude.items())
         text += f" (as diagnosed); with peaks of {told}, as told, {where}"
-    return {
-        **_head(task, "inputs", text),
-        **_sequence(task, experiment["band_hz"], time, sequence),
-        **judged,
-    }
+    return {**_head(task, "inputs", text), **_sequence(task, experiment["band_hz"], time, sequence), **judged}
 
 
 def _driven_to(

@@ -26,8 +26,9 @@ MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
 
 @dataclass(frozen=True)
 class FoundModel:
-    """values (parameter,): of the task's parameters. effects: those of a diagnosis, and the terms of its formula, with
-    which all values then are. document: of the estimate or the diagnosis, which `command` made.
+    """values (parameter,): of the task's parameters. effects: those of a diagnosis, and the terms of its formula. Where
+    there is a formula, all values are those that were fitted with it. document: of the estimate or the diagnosis, which
+    `command` made.
     """
 
     task: Task
@@ -117,7 +118,7 @@ def _terms(rows: Sequence[Mapping[str, Any]], machine: Task, command: str) -> Wi
 def declared_values(
     parameters: Mapping[str, Any], space: ParameterSpace, whose: str, command: str
 ) -> np.ndarray:
-    """As `recorded_values`, of the parameters of a task. Raises StoreError where one is outside of its bounds, too."""
+    """As `recorded_values`, for the parameters of a task. Raises StoreError also for one outside of its bounds."""
     values = recorded_values(parameters, space, whose, command)
     for parameter, value in zip(space, values, strict=True):
         if not is_within(value, parameter.low, parameter.high):

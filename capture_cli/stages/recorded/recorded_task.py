@@ -87,7 +87,7 @@ def find_task(task: str | None, log: MeasuredLog) -> Task:
 
 
 def named(task: Task) -> str | None:
-    """What `--task` is to say for a built-in task, whatever log it is for; None of a task.toml, which has a path."""
+    """The value of `--task` for a built-in task, whatever log it is for; None for a task.toml, which has a path."""
     return task.name if task.name in REGISTRY.names() and task.path is None else None
 
 
@@ -114,7 +114,7 @@ def _changed(model: Path, provenance: Mapping[str, Any]) -> Path | None:
 
 
 def _model_files(model: Path) -> dict[str, Path]:
-    """The model, and what it includes: other MJCFs, meshes, textures; by what provenance.json calls them."""
+    """The model and the files that it includes (MJCFs, meshes, textures), by their names in provenance.json."""
     others = {os.path.relpath(file, model.parent): file for file in files_of(model)}
     return {MODEL: model} | {
         f"{MODEL}: {name}": f for name, f in sorted(others.items()) if name != model.name
