@@ -85,6 +85,16 @@ def with_unit(number: str, unit: str) -> str:
     return number if number == MISSING or not shown_unit(unit) else f"{number} {unit}"
 
 
+def estimated(p: Mapping[str, Any]) -> str:
+    """The value of a parameter to the precision of its standard deviation, with its unit: "2.01 kg"."""
+    return with_unit(to_precision_of(p["value"], p.get("sd")), p.get("unit", ""))
+
+
+def interval(p: Mapping[str, Any]) -> str:
+    """The 95 % interval of a parameter: "199.8 to 207.2"; missing where it has none."""
+    return " to ".join(to_precision_of(end, p["sd"]) for end in p["ci95"] or ()) or MISSING
+
+
 def deviation(p: Mapping[str, Any]) -> str:
     """The standard deviation of a parameter; missing where it is the range or beyond: it says nothing then."""
     sd = p["sd"]

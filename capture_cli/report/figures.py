@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from capture_cli.common.frozen import frozen
-from capture_cli.common.quantities import bound, place, to_precision_of, with_unit
+from capture_cli.common.quantities import bound, estimated, place, to_precision_of
 from capture_cli.report.curves import Curves
 from capture_cli.report.figure_parts import (
     INK,
@@ -123,7 +123,7 @@ def _convergence(estimate: Estimate) -> Figure:
 
 
 def _with_interval(p) -> str:
-    text = with_unit(to_precision_of(p["value"], p.get("sd")), p["unit"])
+    text = estimated(p)
     if not p.get("ci95"):
         return text
     low, high = (to_precision_of(v, p.get("sd")) for v in p["ci95"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from capture_cli.common.quantities import MISSING, bound, percent, significant, to_precision_of, with_unit
+from capture_cli.common.quantities import MISSING, bound, estimated, percent, significant, with_unit
 from capture_cli.model.effects.placed import placed_name
 from capture_cli.store.inspection import Inspection
 
@@ -40,7 +40,7 @@ def _effect(effect: Mapping[str, Any]) -> list[list[str]]:
 
 def _value(parameter: Mapping[str, Any]) -> list[str]:
     sd, unit = parameter.get("sd"), parameter.get("unit", "")
-    return [with_unit(to_precision_of(parameter["value"], sd), unit), with_unit(significant(sd, 2), unit)]
+    return [estimated(parameter), with_unit(significant(sd, 2), unit)]
 
 
 # --- checkpoints ---

@@ -13,6 +13,7 @@ from rich.text import Text
 from capture_cli.common.quantities import bound, percent, significant, with_unit
 from capture_cli.report.inspected_results import result_tables
 from capture_cli.store.inspection import Inspection
+from capture_cli.store.zarr_store import size
 
 STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 SEVERITIES = ("error", "warning", "note")
@@ -63,20 +64,11 @@ def _headline(seen: Inspection) -> str:
     if seen.task:
         parts.append(f"task {seen.task}")
     parts += [f"{n} {noun if n != 1 else noun.removesuffix('s')}" for noun, n in seen.sizes.items()]
-    parts.append(_size(store["bytes"]))
+    parts.append(size(store["bytes"]))
     if provenance and provenance.get("command"):
         made = f"made by `capture {provenance['command']}` {provenance.get('capture')}"
         parts.append(f"{made}, {provenance.get('began')}")
     return ", ".join(parts)
-
-
-def _size(count: int) -> str:
-    size, unit = float(count), "B"
-    for larger in ("kB", "MB", "GB", "TB"):
-        if size < 1000:
-            break
-        size, unit = size / 1000, larger
-    return f"{significant(size, 3) if unit != 'B' else count} {unit}"
 
 
 def _tables(seen: Inspection) -> Iterator[tuple[list[str], list[list[str]]]]:

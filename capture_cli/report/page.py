@@ -63,11 +63,11 @@ def _environment() -> Environment:
     written = (
         quantities.bound,
         quantities.deviation,
+        quantities.interval,
         quantities.shown_unit,
         quantities.significant,
         quantities.to_precision_of,
         quantities.with_unit,
-        interval,
         on_range,
         remarks_on,
         _file_name,
@@ -142,15 +142,6 @@ def rollouts_fact(record: Record) -> tuple[str, str]:
 
 
 # --- cells of a table of parameters ---
-
-
-def interval(p: Mapping[str, Any]) -> str:
-    """ "199.8 to 207.2"."""
-    return (
-        " to ".join(quantities.to_precision_of(v, p["sd"]) for v in p["ci95"])
-        if p["ci95"]
-        else quantities.MISSING
-    )
 
 
 def remarks_on(p: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -17,8 +17,9 @@ from capture_cli.common.quantities import (
     MISSING,
     bound,
     deviation,
+    estimated,
+    interval,
     significant,
-    to_precision_of,
     told,
     with_unit,
 )
@@ -131,7 +132,7 @@ def _print_sizes(record: DiagnosisRecord, screen: _Screen) -> None:
 
 
 def _print_predictions(result: Estimate | Diagnosis, screen: _Screen) -> None:
-    """The errors in open loop of what was held out, or of what there is; earlier versions did not look."""
+    """The errors in open loop on held-out data, or on fitted data where none was held out."""
     for found in prediction.predictions(result.record, result.attributes["outputs"])[:1]:
         screen.blank()
         screen.table(prediction.for_terminal(found, SETTINGS.most_predicted))
@@ -221,12 +222,9 @@ def _width(rows: list[list[str]]) -> int:
 def _parameters(record: EstimateRecord, *, wide: bool) -> list[list[str]]:
     rows = [["parameter", "estimate", "sd", "95 % interval", *(["bounds"] if wide else []), ""]]
     for name, p in record.parameters.items():
-        sd, interval = p["sd"], p["ci95"]
-        between = " to ".join(to_precision_of(v, sd) for v in interval) if interval else MISSING
         bounds = [f"{bound(p['low'])} to {bound(p['high'])}"] if wide else []
         remarks = ["at bound"] * p["at_bound"] + [told(p)] * (not p["identifiable"])
-        value = with_unit(to_precision_of(p["value"], sd), p["unit"])
-        rows.append([name, value, deviation(p), between, *bounds, ", ".join(remarks)])
+        rows.append([name, estimated(p), deviation(p), interval(p), *bounds, ", ".join(remarks)])
     return rows if any(row[-1] for row in rows) else [row[:-1] for row in rows]
 
 
@@ -254,7 +252,7 @@ def _few(notes: list[str], outputs: int) -> list[str]:
 
 
 def _shown(count: int, most: int) -> int:
-    """How many of so many: one too many takes no more room than to say so."""
+    """How many of `count` are shown, of `most` in general: one more takes no more room than to mention it."""
     return count if count <= most + 1 else most
 
 
@@ -269,13 +267,8 @@ def _answer(record: DiagnosisRecord) -> str:
 
 def _sizes(effect: Mapping[str, Any]) -> str:
     """The values of its parameters, as far as the log says them."""
-    return ", ".join(f"{name} {_size(p)}" for name, p in effect["parameters"].items())
-
-
-def _size(p: Mapping[str, Any]) -> str:
-    if not p["identifiable"]:
-        return told(p)
-    return with_unit(to_precision_of(p["value"], p.get("sd")), p["unit"])
+    sizes = {name: estimated(p) if p["identifiable"] else told(p) for name, p in effect["parameters"].items()}
+    return ", ".join(f"{name} {size}" for name, size in sizes.items())
 
 
 def _error_line(diagnosis: Diagnosis) -> str:
@@ -344,7 +337,5 @@ def _effects(record: DiagnosisRecord) -> list[list[str]]:
         if not effect["parameters"]:
             rows.append([diagnosis_findings.placed(effect), MISSING, MISSING, MISSING])
         for name, p in effect["parameters"].items():
-            value = with_unit(to_precision_of(p["value"], p["sd"]), p["unit"])
-            between = [to_precision_of(v, p["sd"]) for v in p["ci95"] or []]
-            rows.append([diagnosis_findings.placed(effect), name, value, " to ".join(between) or MISSING])
+            rows.append([diagnosis_findings.placed(effect), name, estimated(p), interval(p)])
     return rows
