@@ -324,7 +324,7 @@ _NOTES = {
     "impossible_inertia": "bodies whose estimated inertia no body has: {body, moments (kg m^2), text}",
     "time_step": "null, or the model's time step in the estimate: {finer (s), parameters (about where they would be "
     "at such steps), text}",
-    "time_stamps": "null, or by how much stamps seem off at random: {outputs (of each sd (s) and share (of its "
+    "time_stamps": "null, or the time-stamp jitter: {outputs (of each sd (s) and share (of its "
     "noise's variance)), explained (share of what is beyond chance; 1: all; null: nothing is beyond), text}",
     "input_timing": "null, or how inputs act between rows where the task does not say: {inputs (of each interpolate, "
     "hold or linear; gain in predictive log likelihood; error, its standard error), text}",

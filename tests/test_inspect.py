@@ -213,7 +213,7 @@ def test_uneven_sampling_is_noted(tmp_path):
     assert "uneven" in finding["message"]
     finding = only(inspected(replace(log, time=time), tmp_path))
     assert finding["severity"] == "warning"
-    assert "stamps scatter" in finding["message"]
+    assert "time stamps jitter" in finding["message"]
 
 
 @pytest.mark.parametrize(("channel_name", "severity"), [("inputs", "warning"), ("outputs", "error")])

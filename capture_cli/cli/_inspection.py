@@ -12,7 +12,7 @@ from capture_cli.store.inspection import Inspection
 def show_inspection(
     path: Path, task: str | None, max_log_size: int | None, *, as_json: bool, quiet: bool = False
 ) -> Inspection:
-    """The inspection, on stdout; if `quiet`, what must not go unseen on stderr."""
+    """The inspection, on stdout; if `quiet`, errors and warnings on stderr."""
     from capture_cli.stages.inspect import inspect as stage
 
     seen = stage(path, task, max_log_size)

@@ -1,4 +1,4 @@
-"""What a run stands on: a folder that it is in, names that can be written; and what the system refuses it."""
+"""Surroundings of a run: the current folder, names that can be written, and what the system refuses."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def check_surroundings() -> None:
 
 
 def of_the_system(error: OSError) -> CaptureError | None:
-    """What the system refused, in words; None where it does not say what of."""
+    """The error of what the system refused; None where it does not say on which file."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT) and error.filename is None:
         # of --out those who write it say so
         return OutputError("the disk is full: what goes to stdout was not written", cure=CURES[error.errno])

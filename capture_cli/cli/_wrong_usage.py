@@ -1,4 +1,4 @@
-"""What is wrong with a command line, in our words: what was found, and the cure."""
+"""Faults of a command line: what was found, and the cure."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _otherwise(error: UsageError) -> OptionError:
 
 
 def _wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> OptionError | None:
-    """What is wrong with an option that takes numbers: typer says neither what it found nor all of the range."""
+    """The fault of an option that takes numbers: typer gives neither the value found nor all of the range."""
     if error.param is None or error.ctx is None:
         return None
     name, command = error.param.name, error.ctx.command

@@ -19,7 +19,7 @@ from capture_cli.errors import CaptureError, Interrupted, shortened
 
 @dataclass(frozen=True)
 class _End:
-    """How a run ended: its exit code, and what is said of it."""
+    """How a run ended: its exit code, and its message."""
 
     code: int
     message: str = ""

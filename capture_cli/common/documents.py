@@ -61,7 +61,7 @@ def read_toml(
 
 
 def read_json(path: Path, raises: type[CaptureError], *, cure: str) -> Any:
-    """The document in the file at `path`. Raises `raises` for what is none, with `cure` for what is wrong in it."""
+    """The document in the file at `path`. Raises `raises` where there is none, with `cure` for faults in it."""
     return parse_json(read_text(path, raises, most=SETTINGS.largest_json), str(path), raises, cure=cure)
 
 
@@ -198,7 +198,7 @@ def _too_deep(where: str, raises: type[CaptureError], cure: str) -> CaptureError
 
 
 def _faults(document: Any, fault_of_leaf: Callable[[Any], str | None]) -> Iterator[tuple[Place, str | None]]:
-    """What the parsers let pass: where, and what is wrong; None where it is too deep. Without recursion."""
+    """Faults that the parsers let pass: where, and in words; None for what is too deep. Without recursion."""
     containers: list[tuple[Any, Place, int]] = [((document,), None, 0)]
     while containers:
         container, place, depth = containers.pop()
@@ -229,7 +229,7 @@ def _fault(value: Any) -> str | None:
 
 
 def _fault_of_text(value: Any) -> str | None:
-    """Why a text is none that a name, a path or an output can have; None of what is no text, too."""
+    """Why a text can be no name, path or output; None where it can, and for what is no text."""
     if not isinstance(value, str):
         return None
     if found := _CONTROL.search(value):

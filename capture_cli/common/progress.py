@@ -40,7 +40,7 @@ class _Doing:
 
 
 class Progress:
-    """Counts `unit`s of `what`, and says what is being done. Silent where `quiet`.
+    """Counts `unit`s of `what`, and shows the current work. Silent where `quiet`.
 
     It says so from a thread of its own: what takes long may be one call that comes back when all is done.
     """

@@ -1,4 +1,4 @@
-"""A log as plain arrays: what is cut into windows, and what motion, initial states and noise are read off."""
+"""A log as plain arrays: it is cut into windows; motion, initial states and noise are read off it."""
 
 from __future__ import annotations
 

@@ -17,16 +17,7 @@ from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.frozen import frozen
 from capture_cli.errors import LogError, StoreError
 from capture_cli.log.arrays import Log
-from capture_cli.store.document_shape import (
-    FLAG,
-    NAME,
-    NUMBER,
-    TEXT,
-    WHOLE,
-    Kind,
-    check_shape,
-    or_none,
-)
+from capture_cli.store.document_shape import FLAG, NAME, NUMBER, TEXT, WHOLE, Kind, check_shape, or_none
 from capture_cli.store.schema import ArraySpec, Schema
 
 SCHEMA = Schema(

@@ -1,4 +1,4 @@
-"""How the sensors' numbers moved where windows start and shortly before, and the starts that were read off them."""
+"""How the sensors' numbers moved shortly before windows begin, and the initial states that were read off them."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from capture_cli.common.frozen import frozen
 
 @frozen
 class SETTINGS:
-    most_late: float = 0.25  # s, before a window's start that the sensors' numbers are looked at
+    most_late: float = 0.25  # s, before a window begins that the sensors' numbers are looked at
     knot_interval: float = 0.025  # s, or one sample where they are further apart
 
 
 @dataclass(frozen=True)
 class ReportedMotion:
-    """How the numbers of a log moved up to where its windows start, and which coordinates were read off them.
+    """How the numbers of a log moved up to where its windows begin, and which coordinates were read off them.
 
     path (window, knot, 3, column): value, slope and curvature, per s and s^2, of each column of sensordata; 0 where it
-    is not an output. before (window, knot): s, how long before the start that was; 0 first, then increasing.
+    is not an output. before (window, knot): s, how long before the window that was; 0 first, then increasing.
     position, velocity, slope: (column, tangent coordinate, weight) of which each is the sum. orientation: of each
     attitude its four columns, the joint's orientation of these (4, 4), its tangent coordinates and their velocities;
     None where another sensor gives those.
-    lag: s, how long before the time of a state its velocity is that of its path. read (window,): False for starts that
-    somebody knows, which no sensor has to be believed for.
+    lag: s, how long before the time of a state its velocity is that of its path. read (window,): False for initial
+    states that are known without sensors.
     """
 
     path: np.ndarray
@@ -39,7 +39,7 @@ class ReportedMotion:
 
     @property
     def derivatives(self) -> np.ndarray:
-        """The path where the windows start, (window, 3, column)."""
+        """The path where the windows begin, (window, 3, column)."""
         return self.path[:, 0]
 
     def rows(self, keep) -> ReportedMotion:
@@ -47,7 +47,7 @@ class ReportedMotion:
         return replace(self, path=self.path[keep], before=self.before[keep], read=self.read[keep])
 
     def at(self, before: np.ndarray) -> np.ndarray:
-        """The path (window, 3, column) `before` (window, column) s before the windows start."""
+        """The path (window, 3, column) `before` (window, column) s before the windows begin."""
         derivatives = self.derivatives
         for k in range(self.path.shape[1] - 1):
             later, earlier = self.before[:, k, None], self.before[:, k + 1, None]
@@ -56,7 +56,7 @@ class ReportedMotion:
         return derivatives
 
     def start_change(self, true: np.ndarray, states: int, substeps: int = 1) -> np.ndarray:
-        """How far starts move, (simulation, state), where the derivatives (simulation, 3, column) were `true` in truth.
+        """How far initial states move, (simulation, state), where the derivatives (simulation, 3, column) are `true`.
 
         substeps: that are simulated for each step of the model: velocities are that much nearer to those of the path.
         Orientations by a rotation vector in the frame of the body, rad, in which their velocities are given, too.

@@ -12,7 +12,7 @@ class SETTINGS:
 
 
 def unsuitable_step(timestep: float, interval: float, lasts: float) -> tuple[str, str] | None:
-    """What is wrong with steps of `timestep` s, and what mends it; None where nothing is.
+    """The fault of steps of `timestep` s, and its cure; None where there is none.
 
     interval: s, between samples of the log. lasts: s, a window, or the longest episode where there are no windows.
     """

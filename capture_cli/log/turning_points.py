@@ -1,4 +1,4 @@
-"""Where a measured path turns back: what a force that remembers the way has to be told of what was before."""
+"""Turning points of a measured path: the history that forces with memory depend on."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) 
 
 
 def white_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float | None:
-    """Likewise; None where the estimate falls on and on, and there is more of something smooth than of noise."""
+    """As `from_differences`; None where the estimate keeps falling: then the series is smooth rather than noisy."""
     return next(_settled(_by_order(series, times)), None)
 
 

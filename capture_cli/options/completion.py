@@ -1,4 +1,4 @@
-"""What the shell offers for the values of options; where none of it fits, the shell goes on with names of files."""
+"""Values of options that the shell offers; where none fits, the shell offers names of files."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ Completion = Callable[[str], list[str]]
 
 
 def words(*offered: str) -> Completion:
-    """Those of a few words that begin as what was typed."""
+    """Completion of a few words."""
     return _beginning(lambda: offered)
 
 
 def plug_ins(package: str) -> Completion:
-    """Names of the registry of `package`, which is imported when a user asks for them."""
+    """Completion of the names in the registry of `package`, which is imported when a user asks for them."""
     return _beginning(lambda: importlib.import_module(package).REGISTRY.names())
 
 
@@ -26,7 +26,7 @@ def tasks(incomplete: str) -> list[str]:
 
 
 def _beginning(offered: Callable[[], Iterable[str]]) -> Completion:
-    """The completion that gives what of `offered` begins as what was typed."""
+    """The completion that gives the words of `offered` that begin with the typed text."""
 
     def complete(incomplete: str) -> list[str]:
         return [name for name in offered() if name.startswith(incomplete)]

@@ -28,7 +28,7 @@ class ImportLogOptions(Writing):
         bool, typer.Option(help="Empty the repeats of sparse outputs that hold each sample until the next.")
     ] = False
     even_times: Annotated[
-        bool, typer.Option(help="Put samples at even intervals where their stamps scatter about those.")
+        bool, typer.Option(help="Put samples at even intervals where their time stamps jitter about those.")
     ] = False
     append: Annotated[bool, typer.Option(help="Add the episodes to the log at --out, which exists.")] = False
     max_log_size: MaxLogSize = None

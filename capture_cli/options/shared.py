@@ -42,7 +42,9 @@ Window = Annotated[float | None, typer.Option(help="Seconds between restarts of 
 Starts = Annotated[
     int,
     typer.Option(
-        min=1, max=MOST_STARTS, help="Descents from different places; one, where a force balance says where."
+        min=1,
+        max=MOST_STARTS,
+        help="Descents from different points; one, where a force balance gives the point.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]

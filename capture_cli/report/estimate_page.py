@@ -72,8 +72,4 @@ def _tiles(record: EstimateRecord, provenance: Mapping[str, Any] | None) -> list
 def _facts(record: EstimateRecord) -> list[tuple[str, str]]:
     split = record.split
     windows = f"{counted(split['fit_windows'])} windows fitted, {counted(split['test_windows'])} held out"
-    return [
-        ("identifier", record.identifier),
-        ("split", f"{split['how']}: {windows}"),
-        rollouts_fact(record),
-    ]
+    return [("identifier", record.identifier), ("split", f"{split['how']}: {windows}"), rollouts_fact(record)]

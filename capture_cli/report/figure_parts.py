@@ -18,14 +18,7 @@ from matplotlib.text import Text
 from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import titled
 from capture_cli.common.signals import end_with_parent
-from capture_cli.report.curve_plots import (
-    SHADES,
-    Record,
-    has_gaps,
-    output_scale,
-    residual_scale,
-    windows_of,
-)
+from capture_cli.report.curve_plots import SHADES, Record, has_gaps, output_scale, residual_scale, windows_of
 from capture_cli.report.curves import Curves, thin
 
 
@@ -107,7 +100,7 @@ def _without_formulas(figure: Figure) -> None:
 
 
 def _draw_and_exit(jobs: Sequence[tuple[Path, Drawing]], parent: int) -> NoReturn:
-    """What the copy of the process `parent` does: no more than this, whatever happens."""
+    """Draw, and end: all that the copy of the process `parent` does, whatever happens."""
     status = 1
     try:
         end_with_parent(parent)

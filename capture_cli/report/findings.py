@@ -29,10 +29,8 @@ THIS_ESTIMATE = "ESTIMATE"
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
 NOT_ALIKE = "The two parts of the log are not alike: see what differs between them"
 FIT_BOTH = (
-    "hold out another with --test. With --test none both are fitted: what cannot be the same in both is left."
+    "hold out another with --test; with --test none both are fitted, and what differs remains as error."
 )
-STAMPS_ALONE = "With time stamps that are off at random nothing is missing."
-STAMPS_MOST = "Most of that is as if time stamps were off at random."
 UNTRUSTED = "Do not trust the intervals: they leave out what the model lacks."
 FLOOR_SOURCES = {
     "declared": "declared in the task",
@@ -76,7 +74,7 @@ def beyond_chance(lack: Mapping[str, Any]) -> str:
 
 
 def is_fit_explained(record: EstimateRecord) -> bool:
-    """Whether nothing is left of what was fitted: then an estimate that is "unexplained" is so by what was held out.
+    """Whether the fitted data are explained: an estimate that is "unexplained" is so by its held-out data then.
 
     False where the record does not say.
     """
@@ -154,19 +152,20 @@ def said(record: Record, *keys: str) -> list[str]:
 
 
 def unmeasured(record: EstimateRecord) -> list[str]:
-    """What of an unexplained log may be starts that nobody knows; earlier versions did not look."""
+    """Whether a log may be unexplained because initial states are unknown; earlier versions did not look."""
     joints = record.unmeasured_joints
     if record.verdict != "unexplained" or not joints:
         return []
     return [
-        f"No output gives the position of {', '.join(joints)}: windows begin where a simulation of the whole episode "
-        "takes it, from the model's own start. If it is somewhere else, no effect explains the log. Measure it by a "
-        "sensor that gives it (docs/method.md, Initial states), or give the model the keyframe in which episodes begin."
+        f"No output gives the position of {', '.join(joints)}: initial states of windows come from a simulation of the "
+        "whole episode, which begins in the model's initial state. If the machine began elsewhere, no effect explains "
+        "the log. Measure it by a sensor that gives it (docs/method.md, Initial states), or give the model the "
+        "keyframe in which episodes begin."
     ]
 
 
 def open_loops(record: EstimateRecord) -> list[str]:
-    """What of an unexplained log may be outputs that contradict the model's loops; earlier versions did not look."""
+    """Whether a log may be unexplained because outputs contradict the model's loops; earlier versions did not look."""
     found = record.open_loops
     if record.verdict != "unexplained" or not found:
         return []
@@ -197,10 +196,17 @@ def input_timing(record: Record) -> list[str]:
     return [found["text"]] if linear else []
 
 
+def jitter_share(record: Record) -> float:
+    """The share that time-stamp jitter has of what is beyond chance: 1 of all of it."""
+    return (record.time_stamps or {}).get("explained") or 0.0
+
+
 def behind(record: Record) -> str:
-    """What stamps are of what is beyond chance, where that is most of it; "" where not."""
-    share = (record.time_stamps or {}).get("explained") or 0.0
-    return STAMPS_ALONE if share == 1 else STAMPS_MOST if share > SETTINGS.most else ""
+    """That time-stamp jitter is behind what is beyond chance, in words; "" where most of it is something else."""
+    share = jitter_share(record)
+    if share <= SETTINGS.most:
+        return ""
+    return f"Time-stamp jitter explains {'all' if share == 1 else 'most'} of that."
 
 
 def suspicions(estimate: Estimate) -> list[str]:

@@ -66,10 +66,7 @@ def convergence(estimate: Estimate) -> Plot | None:
     legend = {"orientation": "h", "x": 0, "y": -0.2, "xanchor": "left", "yanchor": "top"}
     # Past these, markers make a thick line, numbers in the matrix a smudge, and a legend takes the plot's room.
     most_markers = 60
-    marks = {
-        "mode": "lines+markers" if len(rounds) <= most_markers else "lines",
-        "marker": {"size": 5},
-    }
+    marks = {"mode": "lines+markers" if len(rounds) <= most_markers else "lines", "marker": {"size": 5}}
     hover = {"hovertemplate": "error %{y:.4g}<extra></extra>"}
     data = [line("error", "--ink", rounds, errors, showlegend=False, **marks, **hover)]
     most_named = 8

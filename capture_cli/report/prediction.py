@@ -53,7 +53,7 @@ class Predictions:
 
 
 def predictions(record: Record, outputs: Sequence[Mapping[str, str]]) -> list[Predictions]:
-    """What a record says of each part that there is, what was held out first; earlier versions say nothing."""
+    """Of each part of the log in the record, held-out data first; none for records of earlier versions."""
     found = record.prediction or {}
     return [_part(title, found[part], outputs) for part, title in PARTS.items() if found.get(part)]
 

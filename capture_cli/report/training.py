@@ -66,7 +66,7 @@ def print_policy(document: Mapping[str, Any], console: Console, out: Path) -> No
     trained = TrainedPolicy.of(document)
     result = trained.result
     console.print(
-        f"{out}: {trained.policy} for {trained.task}; judged on {result['episodes']} unseen parameter sets",
+        f"{out}: {trained.policy} for {trained.task}; judged on {result['episodes']} held-out parameter sets",
         soft_wrap=True,
     )
     table = Table("policy", "success", "reward", box=box.SIMPLE_HEAD)

@@ -202,7 +202,7 @@ def _range(text: str, value: str, placed: str, names: Sequence[str]) -> tuple[fl
 
 
 def _number(text: str, value: str, placed: str, names: Sequence[str]) -> float:
-    """`value` of `--effect text`, or an end of its range; the others are as of `_range`."""
+    """`value` of `--effect text`, or an end of its range; other arguments as of `_range`."""
     try:
         number = float(value)
     except ValueError:

@@ -92,7 +92,7 @@ def _substeps(effects: WithValues) -> int:
 def _header(
     found, command: str, space: ParameterSpace, values, effects: WithValues, companion: Path | None
 ) -> str:
-    """An XML comment that says what the file holds, and what it does not."""
+    """An XML comment on what is in the file, and what is beside it."""
     lines = [f"made by `capture {command}` and `capture export`; verdict: {found['verdict']}"]
     lines += [f"  {_size(p, v)}" for p, v in zip(space, values, strict=True)]
     if effects and "first_time" in found["log"]:

@@ -54,10 +54,7 @@ def gen_histories(options: GenHistoriesOptions) -> dict[str, Any]:
     out = str(options.out).removeprefix("file://")
     _check(options)
     asked = SimulatedMachine.to_learn_in(
-        options.task,
-        options.estimate,
-        options.effects,
-        why="histories go over all values of the parameters",
+        options.task, options.estimate, options.effects, why="histories go over all values of the parameters"
     )
     machine = asked.task
     checkpoints = [options.policy] if Path(options.policy).exists() else []

@@ -330,7 +330,7 @@ def _channels(log: MeasuredLog, smooth: Mapping[str, Collection[str]]) -> list[d
 
 
 def _jitter(log: MeasuredLog) -> dict[str, Any] | None:
-    """How stamps scatter about even times at which outputs are smoother; None where they do not."""
+    """Time-stamp jitter about even times at which outputs are smoother; None where there is none."""
     found = jitter(log)
     return None if found is None else asdict(found)
 

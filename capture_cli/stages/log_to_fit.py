@@ -26,7 +26,7 @@ def read_log(command: str, options: FittingLog) -> MeasuredLog:
 
 @dataclass(frozen=True)
 class LogToFit:
-    """options: of the run, with what stands for those that nobody gave. provenance: says them, and hashes of inputs."""
+    """options: of the run, with defaults for those that were not given. provenance: has them, and hashes of inputs."""
 
     log: MeasuredLog
     task: Task

@@ -32,7 +32,7 @@ from capture_cli.store.provenance import Provenance, write_json
 
 @dataclass(frozen=True)
 class Recording:
-    """What a record made: the log, the truth it was made with, and what of that may be a slip, in words."""
+    """The log, the truth it was made with, and values of it that may be a slip, in words."""
 
     log: MeasuredLog
     truth: dict

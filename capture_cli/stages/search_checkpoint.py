@@ -1,4 +1,4 @@
-"""What `capture diagnose` keeps beside its output as it goes: a file for every long step, and of what run they are."""
+"""The checkpoint of `capture diagnose`, beside its output: a file for every long step, and of what run they are."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ ENDS = (
 class StepFiles(Checkpoint):
     """Steps in the files of a folder, each called by its number and a hash of what it follows from.
 
-    Those that would take the folder beyond `most` bytes are not kept, and made again.
+    Those that would take the folder beyond `most` bytes are not saved, and made again.
     """
 
     def __init__(self, folder: Path, most: float = SETTINGS.most):
@@ -92,7 +92,7 @@ def _hash(name: str, given: Sequence[Any]) -> str:
 def unfinished_diagnosis(
     options: DiagnoseOptions, made: Mapping[str, Any]
 ) -> Iterator[tuple[Path, StepFiles]]:
-    """A folder that becomes the diagnosis, and the steps that are kept in it until then.
+    """A folder that becomes the diagnosis, and the checkpoint that is in it until then.
 
     made: the provenance of this run. Raises OptionError where the folder is of a run with another recipe, otherwise as
     `resumable_directory`.
@@ -123,7 +123,7 @@ def recipe_of(made: Mapping[str, Any], options: Sequence[str] = OPTIONS) -> dict
 
 
 def _begin(folder: Path, recipe: Mapping[str, Any]) -> None:
-    """Take note of what is run, or see that it is what an earlier run took note of."""
+    """Write the recipe of the run, or check that the recipe of an earlier run is the same."""
     path, beside = folder / RECIPE, folder / NEW_RECIPE
     (folder / STEPS).mkdir(exist_ok=True)
     if path.is_file():

@@ -41,7 +41,7 @@ from capture_cli.store.provenance import Provenance
 @frozen
 class SETTINGS:
     evaluated: int = 200  # parameter sets of the evaluation curve, the same ones every time
-    unseen: int = 500  # others, that the finished policy is judged on, and the random one
+    held_out: int = 500  # others, that the finished policy is judged on, and the random one
 
 
 @frozen
@@ -171,10 +171,7 @@ def _refuse_constant(simulator: Simulator, effects: EffectRanges) -> None:
     """Raise OptionError where every random episode is worth the same: the inputs move no output with a goal."""
     task, generator = simulator.task, np.random.default_rng(0)
     points = np.concatenate(
-        [
-            task.space.from_unit(generator.random((TRIED, len(task.space)))),
-            effects.drawn(generator, TRIED),
-        ],
+        [task.space.from_unit(generator.random((TRIED, len(task.space)))), effects.drawn(generator, TRIED)],
         axis=1,
     )
     uniform = generator.random((TRIED, len(task.actions)))
@@ -224,24 +221,22 @@ class _Run:
 
     def finish(self, name: str, folder: Path) -> dict[str, Any]:
         """Write the policy, whose kind is `name`; returns policy.json."""
+        from capture_cli.report.training import write_policy_figure
+
         policy = self.trainer.policy()
         result = self._result(policy)
-        about = {
-            "effects": self.effects.rows(),
-            "training": asdict(self.trainer.settings),
-            "result": result,
-        }
+        about = {"effects": self.effects.rows(), "training": asdict(self.trainer.settings), "result": result}
         document = save_policy(policy, name, folder, about)
-        _write_figure(self.metrics, result, folder)
+        write_policy_figure(self.metrics, result, folder)
         return document
 
     def _result(self, policy: Policy) -> dict[str, Any]:
         """How the finished policy does on parameters that nothing has been judged on, and the random one."""
         random = REGISTRY.get("random")(self.simulator.task)
         return {
-            "episodes": SETTINGS.unseen,
-            **self._judged(policy, SETTINGS.unseen, purpose=1),
-            "random": self._judged(random, SETTINGS.unseen, purpose=1),
+            "episodes": SETTINGS.held_out,
+            **self._judged(policy, SETTINGS.held_out, purpose=1),
+            "random": self._judged(random, SETTINGS.held_out, purpose=1),
         }
 
     def _evaluate(self, seen: list[tuple[np.ndarray, np.ndarray]]) -> None:
@@ -274,9 +269,3 @@ class _Run:
         settings = self.trainer.settings
         last = f", success {self.metrics[-1]['success']:.3f}" if self.metrics else ""
         return f"{step} of {settings.batches * settings.envs} episodes{last}, {rate:.0f}/s, {left:.0f} s left"
-
-
-def _write_figure(metrics: list[dict[str, Any]], result: Mapping[str, Any], folder: Path) -> None:
-    from capture_cli.report.training import write_policy_figure
-
-    write_policy_figure(metrics, result, folder)

@@ -267,13 +267,9 @@ def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: boo
 
 def _finish(trainer: Trainer, recipe: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Write what was learned; returns identifier.json."""
-    model, report = trainer.finish()
-    document = save_identifier(model, {**recipe, "result": report}, folder)
-    _write_figure(trainer, folder)
-    return document
-
-
-def _write_figure(trainer: Trainer, folder: Path) -> None:
     from capture_cli.report.training import write_identifier_figure
 
+    model, report = trainer.finish()
+    document = save_identifier(model, {**recipe, "result": report}, folder)
     write_identifier_figure(trainer.metrics, trainer.best["step"], trainer.kind.likelihood, folder)
+    return document

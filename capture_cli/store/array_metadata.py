@@ -80,7 +80,7 @@ class ArrayMetadata:
 
     @property
     def chunk_bytes(self) -> int:
-        """Of a file's numbers, unpacked: those beyond the ends of the array, too."""
+        """Of a file's numbers, unpacked, with those beyond the ends of the array."""
         return math.prod(self.chunks) * np.dtype(self.dtype).itemsize
 
     @property

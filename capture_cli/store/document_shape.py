@@ -1,4 +1,4 @@
-"""What a document has to hold: a shape that it is laid beside, so that what is missing or mistyped is named.
+"""Shapes of documents: a document is compared with its shape, and the first missing or mistyped part is named.
 
 A shape is a Kind; {KEY: shape} for an object with these keys, and others ("KEY?": may be missing); {str: shape} for one
 of any keys; [shape] for a list; or_none(shape). (A library for JSON schemas says what is wrong in the words of its

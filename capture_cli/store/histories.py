@@ -39,7 +39,6 @@ from capture_cli.store.zarr_store import MAKE_AGAIN, ROOT, ZarrStore
 
 @frozen
 class SETTINGS:
-    shard_pairs: int = 256  # the unit of work: at most so much is lost when a run is killed
     chunk_pairs: int = 64  # the unit of reading
 
 
@@ -182,7 +181,7 @@ class HistoriesWriter:
         return zarr.open_group(self.location, mode="w", zarr_format=3)
 
     def remove_halves(self) -> None:
-        """Remove what a killed run left of the files it was about to write; nobody else may write meanwhile.
+        """Remove half-written files of a run that was killed; no other process may write meanwhile.
 
         Zarr writes a file beside its place and renames it. Objects at a URL are written whole or not at all.
         """

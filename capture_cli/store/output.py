@@ -304,7 +304,7 @@ def _made(output: New) -> Path:
 
 
 def _begin(partial: Path, path: Path, kept: Callable[[Path], str], *, force: bool, resume: bool) -> None:
-    """Make the folder of what is not yet `path`, or see that what an earlier run left there can be gone on with."""
+    """Make the folder that is to become `path`, or check that a run can go on in the one that an earlier run left."""
     if partial.is_symlink():
         raise _link(partial)
     if resume and partial.exists():
@@ -335,7 +335,7 @@ def _left(partial: Path, kept: Callable[[Path], str]) -> str:
 
 
 def _said(error: BaseException, left: str, path: Path) -> BaseException:
-    """The error by which long work ended, with what is `left` of it where the error does not say so."""
+    """The error by which long work ended, which also names what is `left` of it."""
     if not left or isinstance(error, Interrupted):
         return error
     if isinstance(error, KeyboardInterrupt):
@@ -349,7 +349,7 @@ def _said(error: BaseException, left: str, path: Path) -> BaseException:
 
 
 def _refuse_links(folder: Path) -> None:
-    """Raise OutputError where there is something in `folder` that no run leaves: it is of somebody else."""
+    """Raise OutputError where `folder` holds something that no run of `capture` leaves."""
     for where, folders, files in os.walk(folder):
         for item in (Path(where, name) for name in (*folders, *files)):
             kind = item.lstat().st_mode

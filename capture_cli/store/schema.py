@@ -166,10 +166,7 @@ class Schema:
             )
         missing = [name for name in self.attributes if name not in attributes]
         if missing:
-            raise StoreError(
-                f"{path}: attributes missing: {', '.join(missing)}",
-                cure=MAKE_AGAIN,
-            )
+            raise StoreError(f"{path}: attributes missing: {', '.join(missing)}", cure=MAKE_AGAIN)
 
     def _check_axes(self, path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
         sizes: dict[str, tuple[int, str]] = {}

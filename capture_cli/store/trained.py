@@ -1,4 +1,4 @@
-"""What is read of what a training wrote: identifier.json and policy.json."""
+"""Records of the documents that a training writes: identifier.json and policy.json."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def _held(lock: Path, path: Path) -> int | None:
 
 
 def _remove_left(lock: Path, path: Path) -> None:
-    """Remove the name of a lock that nobody holds. Raises OutputError where somebody does, or it is no lock."""
+    """Remove a lock that no process holds. Raises OutputError where one does, or where it is no lock."""
     try:
         # not waiting for the other end of a pipe
         descriptor = os.open(lock, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)

@@ -220,7 +220,7 @@ class ZarrStore:
 
 @contextmanager
 def _without_warnings() -> Iterator[None]:
-    """Do not show what Zarr and numpy remark on: what is wrong with a stranger's array is said by an error."""
+    """Hide warnings of Zarr and numpy: errors say what is wrong with an array."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

@@ -1,4 +1,4 @@
-"""What a training writes as it goes: its metrics, and the state that an interrupted one goes on from.
+"""Files of a training under way: its metrics, and the state from which an interrupted one is resumed.
 
 A state is counters, arrays and what was being trained, in one safetensors file; metrics are a line of JSON each.
 """
@@ -80,7 +80,7 @@ def kept(folder: Path) -> str:
 
 
 def check_recipe(earlier: Mapping[str, Any], recipe: Mapping[str, Any]) -> None:
-    """Raise OptionError where a run that goes on, or is complete, began with an `earlier` recipe that is another."""
+    """Raise OptionError where the recipe of an `earlier` run, which is resumed or complete, is another."""
     wanted = json.loads(json.dumps(recipe))
     if earlier != wanted:
         raise OptionError(

@@ -1,4 +1,4 @@
-"""Actions for a machine of the user's own: windows of a log, or multisines, as starts and input sequences."""
+"""Actions for a machine of the user's own: windows of a log, or multisines: initial states and input sequences."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def task_of_histories(machine: Task, location: Path) -> SequenceTask:
 
 
 def log_sequences(prepared: PreparedLog, point_times: np.ndarray) -> Sequences:
-    """Sequences of a log, from the starts of its windows to the last of `point_times` (point,), s.
+    """Sequences of a log, from where its windows begin to the last of `point_times` (point,), s.
 
     A window begins none where that is beyond the windows there are, one behind the other (what was held out is not
     read), or where the sequence before goes on into it. Raises LogError where there is none, or samples lack.

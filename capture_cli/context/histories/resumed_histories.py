@@ -1,4 +1,4 @@
-"""Where `capture gen-histories` writes, and whether it goes on with a run that ended early."""
+"""Where `capture gen-histories` writes, and how it resumes a run that ended early."""
 
 from __future__ import annotations
 
@@ -29,8 +29,7 @@ def place(out: str, *, force: bool, resume: bool) -> Iterator[str]:
     if found is not None and not (force or resume):
         state = "holds histories" if found["complete"] else "holds an unfinished run"
         raise OutputError(
-            f"{out} {state}",
-            cure="choose another --out, go on with --resume, or add --force to replace it",
+            f"{out} {state}", cure="choose another --out, go on with --resume, or add --force to replace it"
         )
     if found is not None and force:
         HistoriesWriter(out).clear()

@@ -142,8 +142,8 @@ def improve(
 
     The new rounds are simulated at all points, then all rounds at new points: two batches.
     """
-    unseen = {k: list(range(cloud.rounds, len(measured[k]))) for k, cloud in clouds.items()}
-    for k, shown in _simulated({k: cloud.points for k, cloud in clouds.items()}, unseen, outputs).items():
+    new = {k: list(range(cloud.rounds, len(measured[k]))) for k, cloud in clouds.items()}
+    for k, shown in _simulated({k: cloud.points for k, cloud in clouds.items()}, new, outputs).items():
         clouds[k].learn(shown)
         clouds[k].fit(measured[k], features)
     drawn = {k: cloud.drawn(len(cloud.mean) + 1) for k, cloud in clouds.items()}

@@ -110,12 +110,7 @@ class TrainedModel:
         normalisation = Normalisation(signature, **parts["normalisation"])
         family = Family(normalisation, **parts["family"])
         return cls(
-            signature,
-            architecture,
-            parts["network"],
-            normalisation,
-            parts["calibration"]["factor"],
-            family,
+            signature, architecture, parts["network"], normalisation, parts["calibration"]["factor"], family
         )
 
 

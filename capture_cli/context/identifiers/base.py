@@ -280,10 +280,7 @@ def run_rounds(
             on_round(number)
     known = bool(sds) and all(sd is not None for sd in sds)
     return Walk(
-        history,
-        np.stack(estimates, axis=1),
-        np.stack(sds, axis=1) if known else None,
-        np.stack(cost, axis=1),
+        history, np.stack(estimates, axis=1), np.stack(sds, axis=1) if known else None, np.stack(cost, axis=1)
     )
 
 

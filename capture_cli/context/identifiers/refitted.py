@@ -19,7 +19,7 @@ class SETTINGS:
 
 
 class Refitted(RoundIdentifier):
-    """Drives `method` in rounds: each pair has a fit of its own, which goes on where it stood, or from the last best.
+    """Drives `method` in rounds: each pair has its own fit, resumed where it stood, or from the last best.
 
     The simulations of all pairs are run together.
     """

@@ -27,12 +27,7 @@ class Search(ABC):
         self.alpha = alpha
 
     def walk(
-        self,
-        source: np.ndarray,
-        target: np.ndarray,
-        low: np.ndarray,
-        high: np.ndarray,
-        uniform: np.ndarray,
+        self, source: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray, uniform: np.ndarray
     ) -> np.ndarray:
         """Parameters (pair, round, parameter): first the source, last the target.
 

@@ -19,10 +19,7 @@ class Scattered(Search):
         # each draw serves three times: to keep or to move, how far from the target, where within that distance
         kept = 0.5  # of the parameters, from one round to the next
         scales = 64  # of the distance, equally spaced in its logarithm
-        moved, rest = (
-            uniform >= kept,
-            (uniform - kept) / (1 - kept) * scales,
-        )
+        moved, rest = (uniform >= kept, (uniform - kept) / (1 - kept) * scales)
         nearest = 1e-3  # of the range: beyond, simulated and measured are as good as equal
         reach = nearest ** (np.floor(rest) / (scales - 1)) * (high - low)
         lower, upper = (np.clip(target[:, None] + sign * reach, low, high) for sign in (-1, 1))

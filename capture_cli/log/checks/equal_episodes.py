@@ -1,4 +1,4 @@
-"""Episodes that a log has twice: what is then held out is what was fitted, and no test of it."""
+"""Episodes that a log has twice: if one of them is held out, it was fitted as well, and tests nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stamps that scatter about the even times at which samples were taken, as where a message is stamped as it arrives."""
+"""Time-stamp jitter about the even times at which samples were taken, as where messages are stamped as they arrive."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def with_even_times(log: MeasuredLog) -> MeasuredLog:
 
 
 def jitter(log: MeasuredLog) -> Jitter | None:
-    """How stamps scatter where outputs are smoother, and none is rougher, at even times; None where they do not."""
+    """Time-stamp jitter, where outputs are smoother, and none is rougher, at even times; None where there is none."""
     if not np.isfinite(log.time).all() or not any(_is_uneven(log.time[e]) for e in log.episodes):
         return None
     even = [_even(log.time[e]) for e in log.episodes]

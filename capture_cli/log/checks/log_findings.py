@@ -38,7 +38,7 @@ def log_findings(seen: Inspection, task: Task | None = None) -> list[Finding]:
     episodes = seen.episodes
     return [
         *_timing(episodes, seen.time_scatter),
-        *_scatter(seen.time_scatter, seen.channels),
+        *_jitter(seen.time_scatter, seen.channels),
         *(f for c in seen.channels for f in _values(c, len(episodes))),
         *(f for c in seen.channels if c["kind"] == "input" for f in _input(c)),
         *(f for c in seen.channels if c["kind"] == "output" for f in _output(c, task)),
@@ -58,7 +58,7 @@ def task_findings(log: MeasuredLog, seen: Inspection, task: Task) -> list[Findin
 # --- timing ---
 
 
-def _timing(episodes: Sequence[Mapping[str, Any]], scatter: Mapping[str, Any] | None) -> Iterator[Finding]:
+def _timing(episodes: Sequence[Mapping[str, Any]], jitter: Mapping[str, Any] | None) -> Iterator[Finding]:
     for key, what in (("backward_times", "goes back"), ("repeated_times", "stands still")):
         count, where, examples = _gather(
             episodes, key, lambda p: f"after {p['time']:.6g} s (step {p['step']})"
@@ -82,7 +82,7 @@ def _timing(episodes: Sequence[Mapping[str, Any]], scatter: Mapping[str, Any] | 
             "windows end at a gap, so nothing needs doing; look for lost messages if there are many",
         )
     uneven = [e for e in episodes if e["jitter_sd"] is not None and e["jitter_sd"] > SETTINGS.uneven]
-    if uneven and scatter is None:
+    if uneven and jitter is None:
         worst = max(uneven, key=lambda e: e["jitter_sd"])
         yield finding(
             "note",
@@ -93,19 +93,19 @@ def _timing(episodes: Sequence[Mapping[str, Any]], scatter: Mapping[str, Any] | 
         )
 
 
-def _scatter(scatter: Mapping[str, Any] | None, channels: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
-    """Stamps that scatter about even times at which outputs are smoother."""
-    if scatter is None:
+def _jitter(jitter: Mapping[str, Any] | None, channels: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+    """Time stamps that jitter about even times at which outputs are smoother."""
+    if jitter is None:
         return
     own = {c["name"]: c for c in channels if c["kind"] == "output"}
     smoother = [
         f"{name} has a noise of {_in_unit(there, own[name])} there, and {_in_unit(here, own[name])} at its stamps"
-        for name, (here, there) in scatter["smoother"].items()
+        for name, (here, there) in jitter["smoother"].items()
     ]
     yield finding(
         "warning",
         "time",
-        f"stamps scatter by {1e3 * scatter['sd']:.3g} ms (sd) about even times: {_listed(smoother, len(smoother))}",
+        f"time stamps jitter by {1e3 * jitter['sd']:.3g} ms (sd) about even times: {_listed(smoother, len(smoother))}",
         "import the files again with --even-times, or stamp samples where they are measured and not where they arrive",
     )
 

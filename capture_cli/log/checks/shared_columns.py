@@ -1,4 +1,4 @@
-"""Channels that read a column which another reads, too."""
+"""Channels that read the same column as another."""
 
 from __future__ import annotations
 

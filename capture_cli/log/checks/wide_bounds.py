@@ -47,6 +47,6 @@ def wide_bounds(task: Task) -> list[Finding]:
 
 
 def warn_of_wide_bounds(task: Task) -> None:
-    """Say so on stderr: a fit with such bounds may take long, and be wrong."""
+    """Warn on stderr of bounds so wide that a fit may take long, and be wrong."""
     for f in wide_bounds(task):
         print(f"warning: {f['where']}: {f['message']}\n  cure: {f['cure']}", file=sys.stderr)

@@ -100,7 +100,7 @@ class SourceFile(ABC):
                 )
 
     def _cure_of_one_column(self, cure: str) -> str:
-        """What to do about a file in which a single column was found, where `cure` is what would otherwise be done."""
+        """The cure for a file in which a single column was found; `cure` where the format has no other."""
         return cure
 
     def _no_header(self) -> str:
@@ -128,7 +128,7 @@ class SourceFile(ABC):
         )
 
     def _numbers_of(self, columns: Mapping[str, Sequence[str | None]]) -> dict[str, np.ndarray]:
-        """Columns of texts by name as numbers, (row,) each; a comma is the decimal point where the file says so."""
+        """Columns of texts by name as numbers, (row,) each; a comma is a decimal point where the file shows that."""
         texts = {
             name: [t.strip() if t is not None else "nan" for t in cells] for name, cells in columns.items()
         }

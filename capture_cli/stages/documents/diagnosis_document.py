@@ -24,9 +24,9 @@ from capture_cli.stages.documents.result_document import (
     attributes_of,
     common_part,
     error_of,
+    initial_state_arrays,
     lack_of_fit_of,
     measured_arrays,
-    start_arrays,
 )
 from capture_cli.store.diagnosis import FORMAT, VERSION, Diagnosis, DiagnosisRecord
 
@@ -109,7 +109,7 @@ def _arrays(found: Explanation, curves: list[ResidualCurve]) -> dict[str, np.nda
     bins = {k: np.array([getattr(c, k) for c in curves]) for k in ("centre", "before", "after", "error")}
     return {
         **measured,
-        **start_arrays(found.parts.prepared, found.begun),
+        **initial_state_arrays(found.parts.prepared, found.begun),
         "window/start_hidden": found.begun.hidden,
         "window/part": found.parts.number,
         "step/before": measured["step/measured"] - found.before.whole.in_units[mask],
@@ -171,8 +171,7 @@ def _ranked(found: Explanation) -> list[Candidate]:
     """Candidates, accepted ones first, then by score."""
     accepted = {a.name for a in found.accepted}
     return sorted(
-        found.candidates,
-        key=lambda c: (c.name not in accepted, -(c.score.gain if c.score else -1.0), c.name),
+        found.candidates, key=lambda c: (c.name not in accepted, -(c.score.gain if c.score else -1.0), c.name)
     )
 
 

@@ -35,9 +35,9 @@ from capture_cli.stages.documents.result_document import (
     attributes_of,
     common_part,
     error_of,
+    initial_state_arrays,
     lack_of_fit_of,
     measured_arrays,
-    start_arrays,
 )
 from capture_cli.stages.documents.undetermined_document import with_limits
 from capture_cli.stages.identification.estimation import Found
@@ -49,12 +49,7 @@ class Report:
     """Turns the best point into an Estimate: errors, intervals, verdict, recordings."""
 
     def __init__(
-        self,
-        result: Found,
-        identifier: str,
-        seed: int,
-        earlier: EarlierEstimate | None,
-        progress: Progress,
+        self, result: Found, identifier: str, seed: int, earlier: EarlierEstimate | None, progress: Progress
     ):
         self.result = result
         self.fits = result.fits
@@ -77,7 +72,7 @@ class Report:
         offsets[~self.is_test] = fit.offsets
         if self.is_test.any():
             test = self.prepared.part(self.is_test)
-            tolerance = self._start_tolerance(lacking.lacking)
+            tolerance = self._state_tolerance(lacking.lacking)
             on_test = self.fits.on(test, fit, tolerance, thorough=not lacking.lacking)
             offsets[self.is_test] = on_test.offsets
         simulated, nominal, diverged = self._curves(offsets)
@@ -92,8 +87,8 @@ class Report:
         attributes = {"parameters": list(self.space.names), **attributes_of(self.prepared.log)}
         return Estimate(document, arrays, attributes)
 
-    def _start_tolerance(self, lacking: bool) -> float:
-        """The tolerance of held-out starts, of the objective over k: they are as exact as the fit was."""
+    def _state_tolerance(self, lacking: bool) -> float:
+        """Of the initial states of held-out windows, of the objective over k: they are as exact as the fit was."""
         if self.result.in_context is None:
             return LEAST_SQUARES.converged_gain
         rough = 1.0  # of the objective over k: a standard error
@@ -109,7 +104,9 @@ class Report:
         return outputs[0], outputs[1], diverged[0]
 
     def _whole(self, offsets: np.ndarray, simulated: np.ndarray) -> PartFit:
-        """The whole log at the estimate: `simulated` (window, step, output), starts at `offsets` (window, state)."""
+        """The whole log at the estimate: `simulated` (window, step, output), and `offsets` (window, state), the
+        corrections of initial states.
+        """
         data = self.prepared.data(self.fits.simulator([]))
         return PartFit(data, offsets, data.residual(simulated), np.zeros(len(offsets)))
 
@@ -204,7 +201,7 @@ class Report:
         }
 
     def _why(self, common: dict[str, Any]) -> str:
-        """What leaves an error, where it need not be the model; "" where nothing says so."""
+        """Why there may be an error without a fault of the model, in words; "" where nothing tells."""
         if self.result.cut_short is not None:
             return "The search was not finished."
         return behind(EstimateRecord.of(common))
@@ -233,7 +230,7 @@ class Report:
             **measured_arrays(self.prepared),
             "window/is_test": self.is_test,
             "window/start_offset": offsets[:, : self.prepared.starts.sd.shape[1]],
-            **start_arrays(self.prepared, initial),
+            **initial_state_arrays(self.prepared, initial),
             "step/simulated": simulated[mask],
             "step/nominal": nominal[mask],
             "parameter/estimate": self.best.parameters,
@@ -293,7 +290,7 @@ def _agreement(
 
 
 def _spread(values: np.ndarray, parameter: Parameter) -> tuple[float, str]:
-    """How far apart the values (recording,) are: as a share of what, and of what that is.
+    """The spread of the values (recording,) as a share of their mean, and the words for that.
 
     Of the bounds' span where the value is so near to 0, which it may be, that no share of it means anything.
     """
@@ -312,7 +309,7 @@ def _verdict(found: Intervals, leaves: bool) -> str:
 
 
 def _unmeasured_joints(task: Task) -> list[str]:
-    """Joints whose position at the start of a window is a guess: no output, action or loop of the model says it."""
+    """Joints whose initial position in a window is a guess: no output, action or loop of the model says it."""
     if isinstance(task, ActionTask) or task.model.neq:
         return []
     return unmeasured_joints(task.model, [c.index for c in task.outputs])

@@ -37,8 +37,8 @@ class SETTINGS:
 
 @dataclass(frozen=True)
 class FoundPoint:
-    """space, point (parameter,), sure: the parameters of the task, and after them those of effects, where they were
-    found and how well they are known. effects: each with its values (parameter,).
+    """space, point (parameter,), sure: the parameters of the task and, after them, those of effects; their values; and
+    how well these are known. effects: each with its values (parameter,).
     """
 
     space: ParameterSpace
@@ -49,8 +49,8 @@ class FoundPoint:
 
 @dataclass(frozen=True)
 class Judged:
-    """held, shorter: what the windows that were held out, and a shorter time step of the model, say of a point.
-    predicted: its errors in open loop, and of other models. stamps: what is left says of time stamps.
+    """What judges a point. held: the held-out windows. predicted: its errors in open loop, and those of other models.
+    shorter: a shorter time step of the model. stamps: time-stamp jitter in what the point leaves.
     """
 
     held: HeldOut
@@ -114,7 +114,7 @@ def noise_floor_of(prepared: PreparedLog) -> dict[str, Any]:
 
 
 def lack_of_fit_of(prepared: PreparedLog, lacking: LackOfFit) -> dict[str, Any]:
-    """What is left of the fit, of all outputs and of each, and what chance allows of it."""
+    """The error of the fit over the noise floor, of all outputs and of each, and what chance allows."""
     return {
         "normalized": lacking.normalized,
         "threshold": lacking.threshold,
@@ -143,16 +143,16 @@ def held_out_of(
         "parameters": space.to_dict(found),
         "error": error,
         "text": (
-            f"What was held out tells more of {most.name} than what was fitted: there the error is "
+            f"Held-out data tell more of {most.name} than fitted data: their error is "
             f"{significant(held.lack.normalized)} times the noise floor, and "
-            f"{significant(error['test']['normalized'])} with {most.name} {value}, and what was fitted is explained "
-            "with it, too."
+            f"{significant(error['test']['normalized'])} with {most.name} {value}, which explains the fitted data as "
+            "well."
         ),
     }
 
 
 def beyond_fitted_of(prepared: PreparedLog, held: HeldOut) -> dict[str, Any] | None:
-    """How what was held out differs from what was fitted, where the model does not hold there; None if not seen."""
+    """The extrapolation in held-out windows, where the model does not hold there; None where there is none."""
     beyond = held.beyond
     if beyond is None:
         return None
@@ -167,7 +167,7 @@ def beyond_fitted_of(prepared: PreparedLog, held: HeldOut) -> dict[str, Any] | N
         "reached": beyond.reached,
         "share": beyond.share,
         "text": (
-            f"{output.name} was fitted between {low} and {high} and goes to {reached} there, in windows with "
+            f"{output.name} was fitted between {low} and {high}, and reaches {reached} in held-out windows with "
             f"{percent(beyond.share)} of the squared error."
         ),
     }
@@ -230,7 +230,7 @@ def input_timing_of(prepared: PreparedLog) -> dict[str, Any] | None:
 
 
 def time_stamps_of(prepared: PreparedLog, stamps: TimeStampJitter | None) -> dict[str, Any] | None:
-    """By how much stamps seem off at random, and what that is of each output's noise; None where nothing says so."""
+    """The time-stamp jitter, and what that is of each output's noise; None where nothing tells of any."""
     if stamps is None:
         return None
     outputs = prepared.task.outputs
@@ -251,14 +251,9 @@ def time_stamps_of(prepared: PreparedLog, stamps: TimeStampJitter | None) -> dic
         "outputs": {name: {"sd": sd, "share": share} for name, (sd, share) in off.items()},
         "explained": stamps.explained,
         "text": (
-            f"It is as if samples were taken off their time stamps at random: {said}{more}, standard deviation. Up to "
-            f"{share} of the noise is that; it grows with the speed, and may hide what the model lacks. Stamp samples "
-            "where they are measured, not where they arrive"
-            + (
-                "; or import these files again with --even-times: that is when they were taken."
-                if even
-                else "."
-            )
+            f"The noise grows with the speed, as time-stamp jitter makes it: {said}{more} (sd). Up to {share} of the "
+            "noise is that, and may hide what the model lacks. Stamp samples where they are measured, not where they "
+            f"arrive{'; or import these files again with --even-times: that is when they were taken' * even}."
         ),
     }
 
@@ -279,7 +274,7 @@ def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
     }
 
 
-def start_arrays(prepared: PreparedLog, initial: Begun) -> dict[str, np.ndarray]:
+def initial_state_arrays(prepared: PreparedLog, initial: Begun) -> dict[str, np.ndarray]:
     """The state that the simulation of each window begins with, and its time by the log's clock."""
     starts = initial.starts
     return {

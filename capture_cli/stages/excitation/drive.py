@@ -225,7 +225,7 @@ def _recorded_inputs(task: Task, asked: RecordOptions) -> tuple[np.ndarray, np.n
 
 
 def _refuse_gaps(source: MeasuredLog) -> None:
-    """Raise OptionError where nobody knows what drove the machine: windows end there, and what is recorded cannot."""
+    """Raise OptionError for a gap, in which the inputs are unknown: windows may end there, but not a recording."""
     for number, steps in enumerate(source.episodes):
         time = source.time[steps]
         usual = usual_interval(time, source.sampled[steps])

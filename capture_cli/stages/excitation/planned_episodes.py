@@ -1,4 +1,4 @@
-"""Episodes that nobody has run yet, as the log that they would leave if an estimate were right."""
+"""Episodes that were not run yet, as the log that they would leave if an estimate were right."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def _motion(task: Task, driven: Drive, known: Known, threads: int | None) -> tup
 
 
 def _measured(task: Task, driven: Drive, outputs: np.ndarray, known: Known) -> MeasuredLog:
-    """The log of outputs (step, output), to which their noise is added: how well a start is read off depends on it."""
+    """The log of outputs (step, output), with noise: how well initial states are read off depends on it."""
     noise = np.random.default_rng(0).standard_normal(outputs.shape)
     log = _log(task, driven, outputs + known.noise.sd * noise)
     every = np.maximum(np.rint(known.apart / (driven.time[1] - driven.time[0])), 1).astype(int)

@@ -165,13 +165,7 @@ def by_physics(
     if known is not None and issubclass(descents.method, LeastSquares):
         told["known"] = known.known_in(data, len(simulator.space), data.start_sd.shape[1])
     solver = descents.method(
-        data,
-        start=start,
-        seed=descents.seed,
-        rounds=rounds,
-        starts=descents.starts,
-        offsets=offsets,
-        **told,
+        data, start=start, seed=descents.seed, rounds=rounds, starts=descents.starts, offsets=offsets, **told
     )
     progress.doing(f"{what}, round 1 of at most {rounds}")
     best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
@@ -376,11 +370,7 @@ def _sharpened(found: Found) -> Found:
 def _after(found: Found, again: Found) -> Found:
     """`found`, with the best of `again`, which went on from it."""
     return replace(
-        found,
-        fits=again.fits,
-        best=again.best,
-        known=again.known,
-        history=[*found.history, *again.history],
+        found, fits=again.fits, best=again.best, known=again.known, history=[*found.history, *again.history]
     )
 
 

@@ -163,8 +163,8 @@ class InContext:
     def document(self, *, contradicted: bool | None, fallback: bool, elsewhere: bool) -> dict[str, Any]:
         """`in_context` of estimate.json.
 
-        contradicted: by the fit. fallback: the fit from the proposal did not explain the log, and the starts of its
-        windows were freed. elsewhere: that did not either, and fits began in other places.
+        contradicted: by the fit. fallback: the fit from the proposal did not explain the log, and the initial states of
+        its windows were fitted as well. elsewhere: that did not either, and fits began in other places.
         """
         names = self.checkpoint.model.signature.space.names
         sd = self.sd
@@ -215,7 +215,7 @@ class InContext:
             )
         elif fallback:
             said.append(
-                "No fit with the starts that the actions say explained the log, so all starts were freed."
+                "No fit with the initial states that the actions give explained the log, so these were fitted as well."
             )
         elif not self.in_family or contradicted:
             said.append("The fit through the simulator, which explains the log, has the say.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from capture_cli.errors import CaptureError
 from capture_cli.log.checks.base import Finding, finding
 from capture_cli.model.tasks import REGISTRY as TASKS
 from capture_cli.model.tasks import load_task
-from capture_cli.report.findings import STAMPS_ALONE, behind, cut_short, is_fit_explained, not_alike
+from capture_cli.report.findings import cut_short, is_fit_explained, jitter_share, not_alike
 from capture_cli.store.diagnosis import Diagnosis
 from capture_cli.store.estimate import Estimate, EstimateRecord
 from capture_cli.store.evaluation import Evaluation
@@ -76,21 +77,10 @@ def _header(seen: Inspection, found: Mapping[str, Any], *without: str) -> None:
 # --- estimates and diagnoses ---
 
 
-def _estimate(path: Path, seen: Inspection) -> None:
-    _fitted(Estimate, path, seen)
-
-
-def _diagnosis(path: Path, seen: Inspection) -> None:
-    _fitted(Diagnosis, path, seen)
-
-
 def _fitted(kind: type[Result], path: Path, seen: Inspection) -> None:
     found = kind.read_document(path)
     _header(seen, found, *(found.keys() - OF_RESULTS))
-    seen.sizes = {
-        "parameters": len(found.get("parameters", {})),
-        "effects": len(found.get("effects", [])),
-    }
+    seen.sizes = {"parameters": len(found.get("parameters", {})), "effects": len(found.get("effects", []))}
     seen.findings += _verdict(found, path)
     seen.findings += _log_changed(found.get("log"))
     kind.read(path)  # its arrays too
@@ -119,13 +109,13 @@ def _verdict(result: Mapping[str, Any], path: Path) -> list[Finding]:
 
 
 def _cure_of_unexplained(result: Mapping[str, Any], path: Path) -> str:
-    """What to do about what the estimate or the diagnosis at `path` leaves; as `identify` said it."""
+    """The cure for an estimate or a diagnosis at `path` that is unexplained, as `identify` gave it."""
     where = "report.html beside it shows where and when the residual is"
     if result["format"] != "capture/estimate":
         formula = result.get("expression") or {}
         return f"a formula describes what is left: {formula['text']}" if formula.get("terms") else where
     record = EstimateRecord.of(result)
-    if behind(record) == STAMPS_ALONE:
+    if jitter_share(record) == 1:
         return record.time_stamps["text"]
     if is_fit_explained(record):
         return not_alike(record)
@@ -188,10 +178,14 @@ def _evaluation(path: Path, seen: Inspection) -> None:
 
 RESULTS = {
     "diagnosis": ResultFolder(
-        "diagnosis.json", _diagnosis, ("report.html", "before_after.png", "stages.png", PROVENANCE)
+        "diagnosis.json",
+        partial(_fitted, Diagnosis),
+        ("report.html", "before_after.png", "stages.png", PROVENANCE),
     ),
     "estimate": ResultFolder(
-        "estimate.json", _estimate, ("report.html", "overlay.png", "residual.png", PROVENANCE)
+        "estimate.json",
+        partial(_fitted, Estimate),
+        ("report.html", "overlay.png", "residual.png", PROVENANCE),
     ),
     "identifier": ResultFolder(
         identifier_checkpoint.DOCUMENT, _identifier, (METRICS, "loss.png", PROVENANCE)

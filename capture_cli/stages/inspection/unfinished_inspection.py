@@ -18,7 +18,7 @@ ANEW = "begin anew with the command that began it and --force"
 
 
 def is_unfinished(path: Path) -> bool:
-    """Whether the folder at `path` is one that a run goes on in."""
+    """Whether the folder at `path` is that of an unfinished run."""
     return path.is_dir() and path.name.startswith(".") and path.name.endswith(UNFINISHED)
 
 
@@ -37,7 +37,7 @@ def inspect_unfinished(path: Path, seen: Inspection) -> None:
 
 
 def _training(path: Path, seen: Inspection) -> tuple[str, str] | None:
-    """What it is, and what to do; None where it is no training. Likewise the others."""
+    """What it is, and the cure; None where it is no training. The functions below do the same for other runs."""
     state = read_state(path)
     if state is None:
         return ("training, which has kept nothing yet", ANEW) if (path / METRICS).is_file() else None
