@@ -44,7 +44,7 @@ Starts = Annotated[
     typer.Option(
         min=1,
         max=MOST_STARTS,
-        help="Descents from different points; one, where a force balance gives the point.",
+        help="Descents from several points; one, where a force balance gives it.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
