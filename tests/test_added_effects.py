@@ -230,7 +230,7 @@ def friction(value: float) -> list[dict]:
 @pytest.fixture
 def found(slider_task, tmp_path, monkeypatch):
     """A diagnosis of the slider that found a friction; what else of its file is read elsewhere is not asked for."""
-    monkeypatch.setattr(Diagnosis, "SHAPE", {})
+    monkeypatch.setattr(Diagnosis, "KIND", replace(Diagnosis.KIND, shape={}))
     monkeypatch.setattr(
         "capture_cli.stages.recorded.found_model._read",
         lambda folder: Diagnosis.read_document(folder),
