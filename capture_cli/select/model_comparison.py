@@ -196,9 +196,11 @@ class ModelComparison:
     def escaped(self, fit: Fit, rival: Fit | None, useful_error: float) -> Fit:
         """`fit`, or where the escape from a minimum leads that hidden states make, taken for the one of its effects.
 
-        The escape takes longer than the fit, and is for what holds without it, not far above `useful_error`.
+        The escape takes longer than the fit, and is for what holds without it, not far above `useful_error`, and is not
+        behind its rival.
         """
-        if not searched(fit.effects) or fit.error > LEAST_SQUARES.hopeless * useful_error:
+        behind = rival is not None and fit.error > rival.error
+        if behind or not searched(fit.effects) or fit.error > LEAST_SQUARES.hopeless * useful_error:
             return fit
         effort = Effort(seed=self.seed, rival=rival)
         found = self.fits.escaped(self.fit_part, fit.effects, fit.point, near=fit, effort=effort)
