@@ -1,7 +1,7 @@
 """Steps per second of the batch engine over bare MuJoCo in C, of the same model, in the same run.
 
-Both make the same simulations (starts, controls, steps) on one thread. The engine does what a fit needs besides:
-parameters of their own in every simulation, sensors recorded at every step. The bare loop is the faster of
+Both make the same simulations (initial states, controls, steps) on one thread. The engine does what a fit needs
+besides: parameters of their own in every simulation, sensors recorded at every step. The bare loop is the faster of
 `mj_step(model, data, nstep)` and `mujoco.rollout`. Repeats are interleaved, ratios are medians over repeats, and time
 is that of the CPU, so that other work on the machine matters less.
 """
@@ -15,7 +15,7 @@ from mujoco import rollout
 from benchmarks import EMPS, MACHINES
 from benchmarks._speeds import interleaved
 from benchmarks.base import Benchmark, Figure, Result
-from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.estimate.initial_states.from_outputs import model_initial_states
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
@@ -65,7 +65,7 @@ class _Runs:
     def __init__(self, task: Task):
         self.task, self.model = task, task.model
         generator = np.random.default_rng(0)
-        self.starts = model_starts(task.model, SIMULATIONS).starts
+        self.initial = model_initial_states(task.model, SIMULATIONS).states
         push = generator.uniform(-1, 1, (SIMULATIONS, task.model.nu))
         push *= np.where(task.model.actuator_ctrllimited, task.model.actuator_ctrlrange[:, 1], PUSH)
         self.controls = np.repeat(push[:, None], STEPS, axis=1)
@@ -82,7 +82,7 @@ class _Runs:
     def engine(self, *forces) -> int:
         fields = ModelFields(self.model, SIMULATIONS)
         self.task.write(fields, self.parameters)
-        self.stepper.rollout(starts=self.starts, controls=self.controls, fields=fields, forces=forces)
+        self.stepper.rollout(initial=self.initial, controls=self.controls, fields=fields, forces=forces)
         return SIMULATIONS * STEPS
 
     def mj_step(self) -> int:

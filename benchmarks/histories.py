@@ -101,7 +101,7 @@ class _Bare:
         self.task, self.model, self.data = task, task.model, mujoco.MjData(task.model)
         uniform = np.random.default_rng(0).random((EPISODES, len(task.actions)))
         episodes = task.episodes(task.draw_actions(uniform))
-        self.starts = episodes.starts
+        self.initial = episodes.initial
         self.controls = task.controls(episodes.inputs)[:, : task.grid_steps]
         size = mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         self.states = np.zeros((EPISODES, size))
@@ -111,7 +111,7 @@ class _Bare:
 
     def _start(self, i: int) -> None:
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:], self.data.qvel[:] = self.starts.qpos[i], self.starts.qvel[i]
+        self.data.qpos[:], self.data.qvel[:] = self.initial.qpos[i], self.initial.qvel[i]
 
     def mj_step(self) -> int:
         for i, tape in enumerate(self.controls):

@@ -1,9 +1,9 @@
 """A whole fit by our least squares against every backend of `mujoco.sysid`: EMPS, 49 windows of 0.5 s.
 
-All fit mass, damping, Coulomb friction and actuator bias to the same windows, from the same point, with the starts
-of the windows fixed, on all cores. Two objectives: "its residual", mujoco.sysid's own, in which each window is divided
-by the norm of what was measured in it, and the "plain residual", the difference. The costs at the end are computed by
-one and the same simulation, so that "the same optimum" is checked and not assumed.
+All fit mass, damping, Coulomb friction and actuator bias to the same windows, from the same point, with the initial
+states of the windows fixed, on all cores. Two objectives: "its residual", mujoco.sysid's own, in which each window is
+divided by the norm of what was measured in it, and the "plain residual", the difference. The costs at the end are
+computed by one and the same simulation, so that "the same optimum" is checked and not assumed.
 
 The log is that of the real machine (nonlinearbenchmark.org) in $CAPTURE_REAL_DATA or ../shared/data; where there is
 none, one recorded from a model of it.
@@ -120,7 +120,7 @@ def _start(prepared: PreparedLog) -> np.ndarray:
 
 def _cost(prepared: PreparedLog, objective: _Objective, point: np.ndarray) -> float:
     """Sum of squared residuals at `point` (parameter,)."""
-    still = np.zeros((1, *prepared.starts.sd.shape))
+    still = np.zeros((1, *prepared.initial.sd.shape))
     outputs, _ = prepared.evaluate(Simulator(prepared.task), Trial(point[None], still))
     residual = (prepared.windows.measured - outputs[0]) / objective.scale
     return float(np.square(residual[prepared.windows.mask]).sum())
@@ -134,7 +134,7 @@ def _ours(prepared: PreparedLog, objective: _Objective) -> np.ndarray:
     windows = prepared.windows
     # far below the error, as a noise floor is: the model does not explain this log
     noise = 1e-4 * objective.scale
-    fixed = np.zeros_like(prepared.starts.sd)
+    fixed = np.zeros_like(prepared.initial.sd)
     data = Data(simulator.space, windows.measured, windows.sampled, noise, fixed)
     solver = LeastSquares(data, start=_start(prepared), starts=1)
     return run(solver, lambda trial: prepared.evaluate(simulator, trial)).parameters
@@ -163,11 +163,11 @@ def _sequences(prepared: PreparedLog):
     """The windows as mujoco.sysid has them. The position is observed as a state: its sensors lag by one step."""
     from mujoco import sysid
 
-    task, windows, starts = prepared.task, prepared.windows, prepared.starts.starts
+    task, windows, initial = prepared.task, prepared.windows, prepared.initial.states
     states, controls, measured = [], [], []
     for w, samples in enumerate(windows.samples):
         clock = task.timestep * np.arange(samples)
-        states.append(sysid.create_initial_state(task.model, starts.qpos[w], starts.qvel[w]))
+        states.append(sysid.create_initial_state(task.model, initial.qpos[w], initial.qvel[w]))
         controls.append(sysid.TimeSeries(clock, windows.controls[w, :samples]))
         measured.append(
             sysid.TimeSeries.from_names(

@@ -10,7 +10,7 @@ import numpy as np
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.effects.base import JointMotion, SeenLog
 from capture_cli.model.fields import ModelFields
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.simulate.engine import Engine, Keep
 
 LENGTH = 100  # steps of a simulation that begins inside
@@ -38,9 +38,9 @@ def begun_inside(
         for simulations in own:
             simulations[name][:] = value
     timestep, engine = model.opt.timestep, Engine(model, 1)
-    start = Starts(model.qpos0[None], np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
+    start = InitialStates(model.qpos0[None], np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
     whole = engine.rollout(
-        starts=start,
+        initial=start,
         controls=tape[None, :, None],
         fields=own[0],
         forces=[effect.force(values[None], timestep)],
@@ -58,7 +58,7 @@ def begun_inside(
     each = np.repeat(values[None], len(first), axis=0)
     inside = np.array([np.arange(f, f + LENGTH) for f in first])
     begun = engine.rollout(
-        starts=Starts(
+        initial=InitialStates(
             whole.qpos[0, first], whole.qvel[0, first], np.zeros((len(first), 0)), timestep * first
         ),
         controls=tape[inside][..., None],

@@ -9,7 +9,7 @@ import numpy as np
 
 from capture_cli.model import effects
 from capture_cli.model.fields import ModelFields
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.simulate.engine import Engine, Keep
 
 SLIDER = """
@@ -157,7 +157,7 @@ def machine(name: str) -> mujoco.MjModel:
     return build(MACHINES[name])
 
 
-def start(model: mujoco.MjModel, count: int) -> Starts:
+def start(model: mujoco.MjModel, count: int) -> InitialStates:
     """`count` times a motion in which every part of the machine takes part."""
     qpos, qvel = model.qpos0.copy(), np.zeros(model.nv)
     match model.names.split(b"\0")[0]:
@@ -173,7 +173,7 @@ def start(model: mujoco.MjModel, count: int) -> Starts:
             qvel[[0, 4, 6]] = 1, 20, 0.5
             qvel[9:12] = 1, 2, 3
     many = (np.repeat(a[None], count, axis=0) for a in (qpos, qvel, np.zeros(model.na)))
-    return Starts(*many, time=np.full(count, 0.25))
+    return InitialStates(*many, time=np.full(count, 0.25))
 
 
 def controls(model: mujoco.MjModel, count: int) -> np.ndarray:
@@ -185,17 +185,17 @@ def controls(model: mujoco.MjModel, count: int) -> np.ndarray:
     return np.repeat(waves[None], count, axis=0)
 
 
-def run(model: mujoco.MjModel, *effect_values, count: int = 1, starts=None, tape=None):
+def run(model: mujoco.MjModel, *effect_values, count: int = 1, initial=None, tape=None):
     """Sensors (simulation, grid, sensordata) and diverged (simulation,) with (effect, values) pairs in place."""
     step, fields, forces = model.opt.timestep, ModelFields(model, count), []
     tape = controls(model, count) if tape is None else tape
-    starts = starts or start(model, count)
+    initial = initial or start(model, count)
     for effect, values in sorted(effect_values, key=lambda pair: pair[0].reads_acceleration):
         effect.write(fields, values)
-        tape = effect.drive(tape, values, step, elapsed=starts.time)
+        tape = effect.drive(tape, values, step, elapsed=initial.time)
         forces += [f for f in [effect.force(values, step)] if f]  # substeps belong to effects without a force
     rollouts = Engine(model, 1).rollout(
-        starts=starts,
+        initial=initial,
         controls=tape,
         fields=fields,
         forces=forces,

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.parameters import Parameter, ParameterSpace
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, Feature, LogColumns
 
 XML = """\
@@ -47,8 +47,10 @@ class Reaching(ActionTask):
 
     def episodes(self, actions):
         count = len(actions)
-        starts = Starts(np.zeros((count, 1)), np.zeros((count, 1)), np.zeros((count, 0)), np.zeros(count))
-        return Episodes(starts, np.repeat(np.asarray(actions)[:, None], self.grid_steps, axis=1))
+        initial = InitialStates(
+            np.zeros((count, 1)), np.zeros((count, 1)), np.zeros((count, 0)), np.zeros(count)
+        )
+        return Episodes(initial, np.repeat(np.asarray(actions)[:, None], self.grid_steps, axis=1))
 
     def reward(self, actions, trajectories):
         return np.exp(-_miss(trajectories) / (2 * RADIUS))

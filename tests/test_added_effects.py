@@ -17,7 +17,7 @@ from capture_cli.log.arrays import Log
 from capture_cli.log.windows import cut
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.placed import Placed
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.air_hockey import AirHockey
 from capture_cli.simulate.simulator import Simulator
@@ -93,7 +93,7 @@ def test_an_episode_of_an_action_is_what_a_log_of_it_would_show(text, strokes):
     at = np.rint(task.point_times / task.timestep).astype(int)
     for k in range(4):
         logged = simulator.simulate(
-            windows.rows(np.array([k])), episodes.starts.rows(np.array([k])), points[k]
+            windows.rows(np.array([k])), episodes.initial.rows(np.array([k])), points[k]
         )
         assert np.abs(task.observe(logged.outputs[0, 0][at]) - trajectories[k]).max() < 1e-9
 
@@ -122,7 +122,7 @@ def test_a_known_effect_acts_before_one_that_is_looked_for(slider_task):
         task=str(slider_task), out=slider_task.with_name("l.zarr"), amplitude={"drive": 5.0}, threads=1
     ).log
     windows = cut(log.arrays, None, task.timestep, task.linear, has_gaps=False)
-    rest = Starts(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
+    rest = InitialStates(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
     given = both.simulate(windows, rest, np.array([2.0, 1.0, 2.0, 0.5]))
     known = one.simulate(windows, rest, np.array([2.0, 1.0, 0.5]))
     assert np.array_equal(given.outputs, known.outputs)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from capture_cli.model.fields import ModelFields
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.targets import restitution
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.air_hockey import SETTINGS as AIR_HOCKEY
@@ -26,11 +26,11 @@ def rollout(seconds: float, parameters: np.ndarray, qpos: np.ndarray, qvel: np.n
     count, steps = len(parameters), round(seconds / TASK.timestep)
     fields = ModelFields(TASK.model, count)
     TASK.write(fields, parameters)
-    starts = Starts(qpos, qvel, np.zeros((count, 0)), np.zeros(count))
+    initial = InitialStates(qpos, qvel, np.zeros((count, 0)), np.zeros(count))
     controls = np.zeros((1, steps, 2))
     rows = np.zeros(count, dtype=int)
     return Engine(TASK.model, 2).rollout(
-        starts=starts, controls=controls, row=rows, fields=fields, keep=Keep(states=True)
+        initial=initial, controls=controls, row=rows, fields=fields, keep=Keep(states=True)
     )
 
 
@@ -101,7 +101,7 @@ def test_restitution_of_the_mallet(speed):
     TASK.write(fields, nominal(5, left_friction=0, right_friction=0, mallet_damping=-damping))
     engine = Engine(TASK.model, 1)
     moved = engine.rollout(
-        starts=episodes.starts,
+        initial=episodes.initial,
         controls=TASK.controls(episodes.inputs)[:, :350],
         fields=fields,
         keep=Keep(states=True),
@@ -168,7 +168,7 @@ def test_no_start_touches_the_puck():
     corners = np.array(np.meshgrid(*zip(TASK.actions.low, TASK.actions.high, strict=True))).reshape(4, -1).T
     still = TASK.episodes(np.concatenate([corners, TASK.actions.nominal[None]]))
     gap = np.linalg.norm(
-        still.starts.qpos[:, [PUCK_X, PUCK_Y]] - still.starts.qpos[:, [MALLET_X, MALLET_Y]], axis=1
+        still.initial.qpos[:, [PUCK_X, PUCK_Y]] - still.initial.qpos[:, [MALLET_X, MALLET_Y]], axis=1
     )
     assert gap.min() > 0.07
 

@@ -43,7 +43,7 @@ def test_same_trajectories_as_the_plant(action):
     PLANT.write(fields, PLANT.space.to_vector(given)[None])
     episode = PLANT.episodes(action[None])
     plant = Engine(PLANT.model).rollout(
-        starts=episode.starts, controls=episode.inputs[:, : PLANT.grid_steps], fields=fields
+        initial=episode.initial, controls=episode.inputs[:, : PLANT.grid_steps], fields=fields
     )
     scene = make(parameters=given, mallet=action[:2], driven_by="servos", control_freq=1000)
     for step in range(PLANT.grid_steps):

@@ -117,8 +117,10 @@ def assert_reproduces(model: Path, estimate: Path, log: Path) -> None:
     bare.write_text(text[: text.index("[parameters")] + text[text.index("[inputs") :])
     task = load_task(str(bare))
     prepared = prepare(MeasuredLog.read(log), task)
-    offsets = found.arrays["window/start_offset"][None]
-    simulated = Simulator(task).simulate(prepared.windows, prepared.starts.starts, np.zeros((1, 0)), offsets)
+    corrections = found.arrays["window/start_offset"][None]
+    simulated = Simulator(task).simulate(
+        prepared.windows, prepared.initial.states, np.zeros((1, 0)), corrections
+    )
     np.testing.assert_allclose(
         simulated.outputs[0][prepared.windows.mask], found.arrays["step/simulated"], atol=1e-12
     )

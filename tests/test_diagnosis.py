@@ -45,7 +45,7 @@ from capture_cli.select.criterion import bic_gain, paired_p_value, ratio_p_value
 from capture_cli.select.explain import Settings
 from capture_cli.select.explanation import verdict as judged_as
 from capture_cli.select.log_parts import ENOUGH_WINDOWS, FIT, SELECT, TEST, Folds, select_folds
-from capture_cli.select.model_comparison import starts_found
+from capture_cli.select.model_comparison import initial_states_found
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import slight
 from capture_cli.select.residual_curves import SETTINGS as RESIDUAL_CURVES
@@ -117,7 +117,9 @@ REPEATS, STEPS = 4, 500
 
 
 def repeated(generator, noise, start=0.0, same_drive=True):
-    """noise_floor of four episodes of a swinging machine, whose starts differ by `start`; noise (repeat, step)."""
+    """noise_floor of four episodes of a swinging machine, whose initial states differ by `start`; noise (repeat,
+    step).
+    """
     time = np.arange(STEPS) / 250
     swing = np.sin(6 * time) + start * generator.standard_normal((REPEATS, 1)) * np.cos(6 * time)
     outputs = (swing + noise).reshape(-1, 1)
@@ -548,11 +550,11 @@ def test_a_refit_begins_with_the_starts_that_were_found():
     number = np.array([FIT, TEST, SELECT, FIT, SELECT])
     folds = Folds(number == FIT, ((number == FIT, number == SELECT),))
     fitted, judged = (
-        SimpleNamespace(offsets=np.array([[1.0], [4]])),
-        SimpleNamespace(offsets=np.array([[3.0], [5]])),
+        SimpleNamespace(corrections=np.array([[1.0], [4]])),
+        SimpleNamespace(corrections=np.array([[3.0], [5]])),
     )
-    assert starts_found(folds, fitted, judged).ravel().tolist() == [1, 3, 4, 5]
-    assert starts_found(folds, fitted, None).ravel().tolist() == [1, 0, 4, 0]
+    assert initial_states_found(folds, fitted, judged).ravel().tolist() == [1, 3, 4, 5]
+    assert initial_states_found(folds, fitted, None).ravel().tolist() == [1, 0, 4, 0]
 
 
 def test_what_arises_in_contact_is_found_there(tmp_path):
@@ -572,7 +574,7 @@ def test_what_arises_in_contact_is_found_there(tmp_path):
     ).log
     prepared = prepare(log, task, split=NewSplit("none"))
     fits = ModelFits(prepared, 1)
-    as_measured = Best(task.space.nominal, np.zeros_like(prepared.starts.sd), error=0.0)
+    as_measured = Best(task.space.nominal, np.zeros_like(prepared.initial.sd), error=0.0)
     fit = fits.at(prepared, [], as_measured)
     whole = PartFit.of(fit.at)
     curves = residual_curves(prepared, whole, whole, fits.motion(prepared, fit).contacts)
@@ -612,7 +614,7 @@ def test_what_two_bodies_do_to_each_other_is_found_in_their_distance(tmp_path):
     ).log
     prepared = prepare(log, task, split=NewSplit("none"))
     fits = ModelFits(prepared, 1)
-    fit = fits.at(prepared, [], Best(task.space.nominal, np.zeros_like(prepared.starts.sd), error=0.0))
+    fit = fits.at(prepared, [], Best(task.space.nominal, np.zeros_like(prepared.initial.sd), error=0.0))
     whole = PartFit.of(fit.at)
     curves = residual_curves(prepared, whole, whole, fits.motion(prepared, fit).contacts)
     share = {(c.output, c.against): c.share for c in curves}

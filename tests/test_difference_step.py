@@ -204,6 +204,6 @@ def test_where_contacts_stop_a_descent_the_way_left_to_go_is_in_the_interval(tmp
 
 
 def linearized(ready: PreparedLog, friction: float) -> Linearization:
-    """With the starts as they were measured."""
-    best = Best(np.array([friction]), np.zeros_like(ready.starts.sd), error=0.0)
+    """With the initial states as they were measured."""
+    best = Best(np.array([friction]), np.zeros_like(ready.initial.sd), error=0.0)
     return ModelFits(ready, threads=1).at(ready, [], best).at

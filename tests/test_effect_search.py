@@ -48,9 +48,9 @@ def judged_by_residual(residual: np.ndarray) -> SimpleNamespace:
     space = ParameterSpace([Parameter("mass", "kg", 0.0, 1.0, 0.5)])
     shape = (*residual.shape, 1)
     data = Data(space, np.zeros(shape), np.ones(shape, dtype=bool), np.ones(1), np.zeros((len(residual), 2)))
-    offsets = np.zeros((len(residual), 2))
+    corrections = np.zeros((len(residual), 2))
     return SimpleNamespace(
-        select=PartFit(data, offsets, residual, np.zeros(len(residual))),
+        select=PartFit(data, corrections, residual, np.zeros(len(residual))),
         placed=SimpleNamespace(effect=SimpleNamespace(parameters=())),
         score=None,
         fit=None,

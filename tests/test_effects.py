@@ -26,7 +26,7 @@ from machines import (
 from scipy.linalg import expm
 
 from capture_cli.errors import ModelError
-from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.estimate.initial_states.from_outputs import model_initial_states
 from capture_cli.log.arrays import Log
 from capture_cli.log.input_sequences import CachedSequences
 from capture_cli.log.windows import SETTINGS as WINDOWS
@@ -46,7 +46,7 @@ from capture_cli.model.effects.base import (
     SeenLog,
 )
 from capture_cli.model.fields import ModelFields
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
 from capture_cli.simulate import engine as engine_module
 from capture_cli.simulate.engine import Engine, Keep
@@ -211,7 +211,7 @@ def test_a_finer_step_is_that_of_a_model_with_it(where, forced):
             if effect:
                 effect.write(fields, np.zeros((1, 0)))
             rollouts = Engine(model, 1).rollout(
-                starts=start(model, 1),
+                initial=start(model, 1),
                 controls=tape,
                 fields=fields,
                 forces=[lambda world: None] if forced else [],
@@ -343,9 +343,9 @@ def test_direction_dependent_friction_is_the_models_own_in_each_direction():
     tape = np.zeros((1, 100, 1))
     for push, asymmetry, damping in ((2.0, 1.5, 1.5), (-2.0, 1.5, -1.5), (-2.0, 9.0, -2.0)):
         tape[...] = push
-        begin = Starts(np.zeros((1, 1)), np.full((1, 1), push / 10), np.zeros((1, 0)), np.zeros(1))
-        one_way = run(machine("slider"), (effect, np.array([[asymmetry]])), tape=tape, starts=begin)[0]
-        expected = run(machine("slider"), (native, np.array([[damping]])), tape=tape, starts=begin)[0]
+        begin = InitialStates(np.zeros((1, 1)), np.full((1, 1), push / 10), np.zeros((1, 0)), np.zeros(1))
+        one_way = run(machine("slider"), (effect, np.array([[asymmetry]])), tape=tape, initial=begin)[0]
+        expected = run(machine("slider"), (native, np.array([[damping]])), tape=tape, initial=begin)[0]
         assert np.array_equal(one_way, expected)
 
 
@@ -362,7 +362,7 @@ def test_a_payload_is_a_point_mass_welded_on(host):
     point.mass, point.ipos, point.inertia, point.explicitinertial = mass, [0.0] * 3, [1e-12] * 3, True
     welded = spec.compile()
     sensors, _ = run(model, (effect, np.append(mass, place[effect.axes])[None]))
-    expected = run(welded, starts=start(model, 1), tape=controls(model, 1))[0]
+    expected = run(welded, initial=start(model, 1), tape=controls(model, 1))[0]
     assert np.abs(run(model)[0] - expected).max() > 1e-3
     assert np.abs(sensors - expected).max() < 1e-6
 
@@ -535,14 +535,14 @@ def test_compliance_and_backlash_are_a_rotor_and_a_link(
     tape = 3 * np.sign(np.cos(2 * np.pi * 1.3 * np.arange(900) * 1e-3))[None, :, None]
     # the rotor begins where the force holds it
     begin *= 1 - rotor if name == "compliance" else 1  # the link takes the rest of the force
-    held = Starts(np.array([[begin, 0]]), np.full((1, 2), 0.1), np.zeros((1, 0)), np.zeros(1))
-    truth = run(two, tape=np.repeat(tape, 10, axis=1), starts=held)[0][:, ::10]
-    start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.1), np.zeros((1, 0)), np.zeros(1))
-    rigid = run(one, tape=tape, starts=start)[0]
+    held = InitialStates(np.array([[begin, 0]]), np.full((1, 2), 0.1), np.zeros((1, 0)), np.zeros(1))
+    truth = run(two, tape=np.repeat(tape, 10, axis=1), initial=held)[0][:, ::10]
+    start = InitialStates(np.zeros((1, 1)), np.full((1, 1), 0.1), np.zeros((1, 0)), np.zeros(1))
+    rigid = run(one, tape=tape, initial=start)[0]
     effect = effects.REGISTRY.get(name)(one, "l")
     values = {**values, "rotor": rotor, "motor_damping": motor_damping}
     at = effect.space.to_vector(values | ({"motor_friction": motor_friction} if dry else {}))
-    sensors = run(one, (effect, at[None]), tape=tape, starts=start)[0]
+    sensors = run(one, (effect, at[None]), tape=tape, initial=start)[0]
     error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, rigid))
     assert error < 0.1 * error_rigid
 
@@ -561,14 +561,16 @@ def test_an_encoder_on_the_motor_shows_the_rotor(name, joint, values, rotor, see
     gives = values.get("give", 0.0) + values.get("compliance", 0.0)
     ahead = values.get("width", 0.0) / 2 + gives * 3 * (1 - rotor)  # where the force holds the rotor
     link = -ahead if shows["q"] == "r" else 0.0
-    held = Starts(np.array([[link + ahead, link]]), np.full((1, 2), 0.1), np.zeros((1, 0)), np.zeros(1))
-    truth = run(two, tape=np.repeat(tape, 10, axis=1), starts=held)[0][:, ::10]
-    start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.1), np.zeros((1, 0)), np.zeros(1))
-    rigid = run(one, tape=tape, starts=start)[0]
+    held = InitialStates(
+        np.array([[link + ahead, link]]), np.full((1, 2), 0.1), np.zeros((1, 0)), np.zeros(1)
+    )
+    truth = run(two, tape=np.repeat(tape, 10, axis=1), initial=held)[0][:, ::10]
+    start = InitialStates(np.zeros((1, 1)), np.full((1, 1), 0.1), np.zeros((1, 0)), np.zeros(1))
+    rigid = run(one, tape=tape, initial=start)[0]
     effect = effects.REGISTRY.get(name)(one, seen)
     assert effect.reported == {c for c, n in enumerate("qv") if shows[n] == "r"}
     at = effect.space.to_vector({**values, "rotor": rotor, "motor_damping": 0.5})
-    sensors = run(one, (effect, at[None]), tape=tape, starts=start)[0]
+    sensors = run(one, (effect, at[None]), tape=tape, initial=start)[0]
     size = truth.std(axis=(0, 1))
     error, error_rigid = (np.sqrt(np.mean(((s - truth) / size) ** 2, axis=(0, 1))) for s in (sensors, rigid))
     assert (error < 0.2 * error_rigid).all()
@@ -587,12 +589,12 @@ def test_an_actuators_encoder_shows_the_rotor_through_its_gear(name, joint, valu
     )
     one = build(xml)
     tape = 0.06 * np.sign(np.cos(2 * np.pi * 1.3 * np.arange(900) * 1e-3))[None, :, None]
-    start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.1), *NOTHING)
+    start = InitialStates(np.zeros((1, 1)), np.full((1, 1), 0.1), *NOTHING)
     shown = {}
     for seen in ("l+q", "l+turns", "l+v", "l+speed"):
         effect = effects.REGISTRY.get(name)(one, seen)
         at = effect.space.to_vector({**values, "rotor": 0.6, "motor_damping": 0.5})
-        shown[seen] = run(one, (effect, at[None]), tape=tape, starts=start)[0][0]
+        shown[seen] = run(one, (effect, at[None]), tape=tape, initial=start)[0][0]
     assert np.abs(shown["l+q"][:, 0] - shown["l+v"][:, 0]).max() > 1e-3, (
         "the encoder on the motor shows nothing"
     )
@@ -623,12 +625,12 @@ def test_an_encoder_on_the_motor_shows_a_rotor_that_began_to_turn_alone(
     at = effect.space.to_vector({**values, "rotor": 0.3, "motor_damping": 0.0})[None]
     ahead, turning = (size[0] * state for size, state in zip(effect.looseness(at), states[0], strict=True))
     where, fast = ahead * (shows["q"] == "l"), 0.2 + turning * (read == "l")  # of the rotor
-    held = Starts(np.array([[where, where - ahead]]), np.array([[fast, fast - turning]]), *NOTHING)
+    held = InitialStates(np.array([[where, where - ahead]]), np.array([[fast, fast - turning]]), *NOTHING)
     tape = np.zeros((1, 60, 1))
-    truth = run(two, tape=tape.repeat(10, axis=1), starts=held)[0][:, ::10]
-    start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.2), *NOTHING)
+    truth = run(two, tape=tape.repeat(10, axis=1), initial=held)[0][:, ::10]
+    start = InitialStates(np.zeros((1, 1)), np.full((1, 1), 0.2), *NOTHING)
     force = effect.force(at, 1e-3, states=states)
-    sensors = Engine(one).rollout(starts=start, controls=tape, forces=[force]).sensors
+    sensors = Engine(one).rollout(initial=start, controls=tape, forces=[force]).sensors
     error = np.abs(sensors - truth).max(axis=1)[0]
     assert (error < 0.02 * np.array([0.06 * turning, turning])).all()
 
@@ -658,15 +660,15 @@ def test_a_loose_mass_is_a_body_on_a_spring(loose, frequency, damping_ratio, beg
     one = build(WITH_A_LOAD.format(rest=1, load=""))
     tape = 3 * np.sign(np.cos(2 * np.pi * 1.1 * np.arange(1500) * 1e-3))[None, :, None]
     states = np.array([[0, begin]]), np.array([[0.1, 0.0]]), np.zeros((1, 0)), np.zeros(1)
-    truth = run(two, tape=tape, starts=Starts(*states))[0]
-    start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.1), *states[2:])
-    rigid = run(one, tape=tape, starts=start)[0]
+    truth = run(two, tape=tape, initial=InitialStates(*states))[0]
+    start = InitialStates(np.zeros((1, 1)), np.full((1, 1), 0.1), *states[2:])
+    rigid = run(one, tape=tape, initial=start)[0]
     effect = effects.REGISTRY.get("loose-mass")(one, "l")
     at = effect.space.to_vector({"mass": loose, "frequency": frequency, "damping_ratio": damping_ratio})
     at_begin = effect.force(at[None], 1e-3, states=np.array([[1.0, 0.0]])).coefficients["displaced"][0]
     hidden = np.array([[begin / at_begin, 0.0]])
     force = effect.force(at[None], 1e-3, states=hidden)
-    sensors = Engine(one).rollout(starts=start, controls=tape, forces=[force]).sensors
+    sensors = Engine(one).rollout(initial=start, controls=tape, forces=[force]).sensors
     error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, rigid))
     assert error < 0.03 * error_rigid
 
@@ -679,7 +681,7 @@ def test_a_loose_mass_begins_inside_a_log_as_the_log_shook_it(frequency, damping
     one = build(WITH_A_LOAD.format(rest=1, load=""))
     tape = 3 * np.sign(np.cos(2 * np.pi * 1.1 * np.arange(6000) * 1e-3))[None, :, None]
     rollouts = Engine(two).rollout(
-        Starts(np.zeros((1, two.nq)), np.zeros((1, two.nv)), np.zeros((1, 0)), np.zeros(1)),
+        InitialStates(np.zeros((1, two.nq)), np.zeros((1, two.nv)), np.zeros((1, 0)), np.zeros(1)),
         tape,
         keep=Keep(states=True),
     )
@@ -694,9 +696,9 @@ def test_a_loose_mass_begins_inside_a_log_as_the_log_shook_it(frequency, damping
     def error(effect):
         force = effect.force(np.tile(at, (3, 1)), 1e-3, first=first // 5)
         moving = rollouts.qpos[0, first, :1], rollouts.qvel[0, first, :1]
-        starts = Starts(*moving, np.zeros((3, 0)), np.zeros(3))
+        initial = InitialStates(*moving, np.zeros((3, 0)), np.zeros(3))
         own = np.stack([tape[0, a : a + 500] for a in first])
-        sensors = Engine(one).rollout(starts, own, forces=[force]).sensors
+        sensors = Engine(one).rollout(initial, own, forces=[force]).sensors
         return np.sqrt(np.mean([(s - truth[a : a + 500]) ** 2 for s, a in zip(sensors, first, strict=True)]))
 
     assert error(effect.as_told()) < 0.1 * error(effect)
@@ -740,13 +742,13 @@ def test_a_base_that_gives_is_a_body_on_a_spring(mass, frequency, damping_ratio,
     time = np.arange(1500) * 1e-3
     tape = np.stack([6 * np.sign(np.cos(7 * time)), 1.5 * np.sign(np.sin(11 * time))], axis=1)[None]
     bent, still = np.array([[0.5, 0.4]]), np.zeros((1, 2))
-    start = Starts(bent, still, np.zeros((1, 0)), np.zeros(1))
-    both = Starts(np.pad(bent, ((0, 0), (1, 0))), np.zeros((1, 3)), np.zeros((1, 0)), np.zeros(1))
-    truth, rigid = run(on_springs, tape=tape, starts=both)[0][0], run(one, tape=tape, starts=start)[0][0]
+    start = InitialStates(bent, still, np.zeros((1, 0)), np.zeros(1))
+    both = InitialStates(np.pad(bent, ((0, 0), (1, 0))), np.zeros((1, 3)), np.zeros((1, 0)), np.zeros(1))
+    truth, rigid = run(on_springs, tape=tape, initial=both)[0][0], run(one, tape=tape, initial=start)[0][0]
     effect = effects.REGISTRY.get("base-compliance")(one, axis)
     at = {"mobility": 5.0 / total, "frequency": frequency, "damping_ratio": damping_ratio}
     force = effect.force(effect.space.to_vector(at)[None], 1e-3)
-    sensors = Engine(one).rollout(starts=start, controls=tape, forces=[force]).sensors[0]
+    sensors = Engine(one).rollout(initial=start, controls=tape, forces=[force]).sensors[0]
     error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2, axis=0)) for s in (sensors, rigid))
     # of both models, errors of the step itself are as large
     assert np.linalg.norm(error[:2]) < 0.08 * np.linalg.norm(error_rigid[:2])
@@ -778,12 +780,12 @@ def test_a_cable_over_a_pulley_pulls_at_the_joint_before():
     plain_arm, cabled = build(arm), build(arm.replace("<actuator>", cable).replace(own, tendon))
     time = np.arange(1000) * 1e-3
     tape = np.stack([9 * np.cos(7 * time), 4 * np.sin(11 * time)], axis=1)[None]
-    begin = Starts(np.array([[0.5, 0.4]]), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1))
-    truth, plain_one = run(cabled, tape=tape, starts=begin)[0], run(plain_arm, tape=tape, starts=begin)[0]
+    begin = InitialStates(np.array([[0.5, 0.4]]), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1))
+    truth, plain_one = run(cabled, tape=tape, initial=begin)[0], run(plain_arm, tape=tape, initial=begin)[0]
     effect = effects.REGISTRY.get("coupled-drive")(plain_arm, "elbow")
     assert effect.sites(plain_arm) == ["elbow"]
     force = effect.force(np.array([[ratio]]), 1e-3)
-    sensors = Engine(plain_arm).rollout(starts=begin, controls=tape, forces=[force]).sensors[0]
+    sensors = Engine(plain_arm).rollout(initial=begin, controls=tape, forces=[force]).sensors[0]
     error, before = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, plain_one))
     assert error < 0.02 * before
 
@@ -863,19 +865,21 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     whole, windows = (cut(samples, d, task.timestep, np.array([False])) for d in (None, 0.5))
     values = np.array([value])
     rollout = Engine(task.model, 1).rollout(
-        starts=model_starts(task.model, 1).starts,
+        initial=model_initial_states(task.model, 1).states,
         controls=effect.drive(task.controls(whole.controls), values, task.timestep),
         keep=Keep(states=True),
     )
     at = np.rint(windows.time / task.timestep).astype(int)
-    starts = Starts(rollout.qpos[0, at], rollout.qvel[0, at], np.zeros((len(at), 0)), windows.time)
+    initial = InitialStates(rollout.qpos[0, at], rollout.qvel[0, at], np.zeros((len(at), 0)), windows.time)
     point = np.concatenate([task.space.nominal, value])
-    simulated = Simulator(task, [(name, effect)], threads=1).simulate(windows, starts, point[None]).outputs[0]
+    simulated = (
+        Simulator(task, [(name, effect)], threads=1).simulate(windows, initial, point[None]).outputs[0]
+    )
     expected = whole.sample(rollout.sensors, np.array([0]))[0].reshape(len(at), -1, 1)
     assert len(at) > 4
     np.testing.assert_allclose(simulated, expected, rtol=0, atol=tolerance)
     held = Simulator(task, [(name, effect)], threads=1).simulate(
-        replace(windows, sequences=CachedSequences(windows.controls)), starts, point[None]
+        replace(windows, sequences=CachedSequences(windows.controls)), initial, point[None]
     )
     assert np.abs(held.outputs[0] - expected)[1:].max() > 1e-4
 
@@ -890,22 +894,24 @@ def test_what_fades_began_to_with_the_episode(name, site):
     samples = Log(**log, episodes=[slice(0, 750)])
     whole, windows = (cut(samples, d, task.timestep, np.array([False])) for d in (None, 0.5))
     values, zero = np.array([[-0.6, 1.5]]), np.zeros(1)
-    begin = replace(model_starts(task.model, 1).starts, time=np.array([5.0]))
+    begin = replace(model_initial_states(task.model, 1).states, time=np.array([5.0]))
     force = effect.force(values, task.timestep, began=begin.time)
     rollout = Engine(task.model, 1).rollout(
-        starts=begin,
+        initial=begin,
         controls=effect.drive(task.controls(whole.controls), values, task.timestep, elapsed=zero),
         forces=[f for f in [force] if f],
         keep=Keep(states=True),
     )
     at = np.rint((windows.time - 5) / task.timestep).astype(int)
-    starts = Starts(rollout.qpos[0, at], rollout.qvel[0, at], np.zeros((len(at), 0)), windows.time)
+    initial = InitialStates(rollout.qpos[0, at], rollout.qvel[0, at], np.zeros((len(at), 0)), windows.time)
     point = np.concatenate([task.space.nominal, values[0]])
-    simulated = Simulator(task, [(name, effect)], threads=1).simulate(windows, starts, point[None]).outputs[0]
+    simulated = (
+        Simulator(task, [(name, effect)], threads=1).simulate(windows, initial, point[None]).outputs[0]
+    )
     expected = whole.sample(rollout.sensors, np.array([0]))[0].reshape(len(at), -1, 1)
     np.testing.assert_allclose(simulated, expected, rtol=0, atol=1e-9)
     anew = replace(windows, elapsed=np.zeros(len(windows)))
-    anew = Simulator(task, [(name, effect)], threads=1).simulate(anew, starts, point[None]).outputs[0]
+    anew = Simulator(task, [(name, effect)], threads=1).simulate(anew, initial, point[None]).outputs[0]
     assert np.abs(anew - expected)[1:].max() > 1e-4
 
 
@@ -954,7 +960,7 @@ def test_a_clock_drifts_from_the_start_of_the_episode(error):
     samples = Log(**log, episodes=[slice(0, 750)])
     whole, windows = (cut(samples, d, task.timestep, np.array([True])) for d in (None, 0.5))
     rollout = Engine(task.model, 1).rollout(
-        starts=model_starts(task.model, 1).starts,
+        initial=model_initial_states(task.model, 1).states,
         controls=task.controls(whole.controls),
         keep=Keep(states=True),
     )
@@ -963,14 +969,14 @@ def test_a_clock_drifts_from_the_start_of_the_episode(error):
     grid = np.arange(rollout.qpos.shape[1])
     qpos, qvel = (np.interp(truly, grid, v[0, :, 0])[:, None] for v in (rollout.qpos, rollout.qvel))
     inside = windows.rows(slice(0, len(truly)))
-    starts = Starts(qpos, qvel, np.zeros((len(truly), 0)), inside.time)
+    initial = InitialStates(qpos, qvel, np.zeros((len(truly), 0)), inside.time)
     point = np.array([*task.space.nominal, error])
     simulator = Simulator(task, [("sensor-clock-rate", effect)], threads=1)
-    simulated = simulator.simulate(inside, starts, point[None]).outputs[0]
+    simulated = simulator.simulate(inside, initial, point[None]).outputs[0]
     expected = whole.sample(told, np.array([0]))[0, : simulated.size].reshape(simulated.shape)
     np.testing.assert_allclose(simulated, expected, rtol=0, atol=5e-5)
     unaware = replace(inside, elapsed=np.zeros(len(truly)))
-    assert np.abs(simulator.simulate(unaware, starts, point[None]).outputs[0] - expected).max() > 5e-4
+    assert np.abs(simulator.simulate(unaware, initial, point[None]).outputs[0] - expected).max() > 5e-4
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if effects.REGISTRY.get(name).place == "control"])
@@ -1162,7 +1168,7 @@ def test_servos_on_one_supply_are_weaker_the_more_all_of_them_give(time_constant
     told, count, sag = np.array([1.0, -2.0, 0.7]), 400, 2.4
     tape = np.repeat(np.stack([0 * told, told]), count // 2, axis=0)[None]
     given = Engine(model, threads=1).rollout(
-        starts=Starts(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1)),
+        initial=InitialStates(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1)),
         controls=tape,
         forces=[effect.force(np.array([[sag, time_constant]]), model.opt.timestep)],
         keep=Keep(actuator_forces=True),
@@ -1220,7 +1226,7 @@ def test_a_motor_gives_less_the_faster_it_turns_and_brakes_with_all_it_has(speed
     values = np.tile([2.0, 12.0], (count, 1))
     effect.write(fields, values)
     given = Engine(model, threads=1).rollout(
-        starts=Starts(
+        initial=InitialStates(
             np.zeros((count, 2)), np.full((count, 2), speed), np.zeros((count, 0)), np.zeros(count)
         ),
         controls=np.repeat(np.stack([asked, 0 * asked, 0 * asked], axis=-1)[:, None], 2, axis=1),
@@ -1358,7 +1364,9 @@ def test_lift_is_perpendicular_to_spin_and_flight():
     begin = start(machine("ball"), 1)
     begin.qpos[:, 3:7] = 0, 0, 0, 1
     begin.qvel[:, :6] = 2, 0, 0, 0, -10, 0
-    steps = [run(machine("ball"), (effect, np.array([[k]])), tape=tape, starts=begin)[0] for k in (0.0, lift)]
+    steps = [
+        run(machine("ball"), (effect, np.array([[k]])), tape=tape, initial=begin)[0] for k in (0.0, lift)
+    ]
     rise = (steps[1] - steps[0])[0, 1, :3] / machine("ball").opt.timestep ** 2
     assert np.allclose(rise, np.cross([0, 10, 0], [2, 0, 0]) * lift / 0.05, atol=1e-6)
 
@@ -1383,9 +1391,9 @@ def test_a_wheel_in_a_free_body_turns_it_as_one_that_is_modelled():
     axial = 0.2 * 0.04**2 / 2
     momentum = np.array([[0.0, axial * speed, 0.0]])
     force = effect.force(momentum, 0.0005)
-    starts = Starts(held.qpos[None], held.qvel[None], np.zeros((1, 0)), np.zeros(1))
+    initial = InitialStates(held.qpos[None], held.qvel[None], np.zeros((1, 0)), np.zeros(1))
     rollout = Engine(plain, 1).rollout(
-        starts=starts, controls=np.zeros((1, 400, 0)), forces=[force], keep=Keep(states=True)
+        initial=initial, controls=np.zeros((1, 400, 0)), forces=[force], keep=Keep(states=True)
     )
     for _ in range(400):
         mujoco.mj_step(with_wheel, truth)
@@ -1413,9 +1421,9 @@ def test_a_spindle_between_hinges_turns_them_as_one_that_is_modelled():
     effect = effects.REGISTRY.get("internal-momentum")
     assert effect.sites(locked) == ["b", "tool"]
     momentum = np.array([[0.0, 0.0, 0.2 * 0.04**2 / 2 * speed], [0.0, 0.0, 0.0]])
-    starts = Starts(np.zeros((2, 3)), np.stack([turning] * 2), np.zeros((2, 0)), np.zeros(2))
+    initial = InitialStates(np.zeros((2, 3)), np.stack([turning] * 2), np.zeros((2, 0)), np.zeros(2))
     rollout = Engine(locked, 1).rollout(
-        starts=starts,
+        initial=initial,
         controls=np.zeros((2, 400, 0)),
         forces=[effect(locked, "tool").force(momentum, 0.0005)],
         keep=Keep(states=True),
@@ -1430,9 +1438,9 @@ def test_a_part_that_spins_inside_does_no_work():
     body = build(body)
     effect = effects.REGISTRY.get("internal-momentum")(body, "b")
     force = effect.force(np.array([[0.0, 0.0, effect.parameters[2].high]]), 0.002)
-    nods = Starts(body.qpos0[None], np.array([[0.0, 0, 0, 0.5, 0, 0]]), *NOTHING)
+    nods = InitialStates(body.qpos0[None], np.array([[0.0, 0, 0, 0.5, 0, 0]]), *NOTHING)
     tape = np.zeros((1, 500, 0))
-    motion = Engine(body).rollout(starts=nods, controls=tape, forces=[force], keep=Keep(states=True))
+    motion = Engine(body).rollout(initial=nods, controls=tape, forces=[force], keep=Keep(states=True))
     turning = motion.qvel[0, :, 3:]
     energy = np.square(turning) @ body.dof_M0[3:] / 2
     assert energy == pytest.approx(np.full(500, energy[0]), rel=0.01)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from capture_cli.model.fields import ModelFields, model_field
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.world import World
 from capture_cli.simulate import engine as engine_module
 from capture_cli.simulate.engine import Engine, Keep
@@ -51,11 +51,11 @@ def model() -> mujoco.MjModel:
 
 
 @pytest.fixture
-def starts(model) -> Starts:
+def initial(model) -> InitialStates:
     random = np.random.default_rng(1)
     qpos = np.repeat(model.qpos0[None], SIMULATIONS, axis=0)
     qpos[:, :2] += random.normal(0, 0.2, (SIMULATIONS, 2))
-    return Starts(
+    return InitialStates(
         qpos,
         random.normal(0, 0.5, (SIMULATIONS, model.nv)),
         random.normal(0, 0.1, (SIMULATIONS, model.na)),
@@ -81,20 +81,20 @@ def fields(model) -> ModelFields:
     return fields
 
 
-def one_by_one(model, starts, controls, fields=None) -> np.ndarray:
+def one_by_one(model, initial, controls, fields=None) -> np.ndarray:
     """Sensors (simulation, step, sensordata), each simulation stepped alone by mj_step on a model of its own."""
-    sensors = np.zeros((len(starts), STEPS, model.nsensordata))
-    for i in range(len(starts)):
+    sensors = np.zeros((len(initial), STEPS, model.nsensordata))
+    for i in range(len(initial)):
         own = mujoco.MjModel.from_xml_string(XML)
         for name, values in (fields.values if fields else {}).items():
             model_field(own, name)[...] = values[i]
         mujoco.mj_setConst(own, mujoco.MjData(own))
         data = mujoco.MjData(own)
         data.qpos, data.qvel, data.act, data.time = (
-            starts.qpos[i],
-            starts.qvel[i],
-            starts.act[i],
-            starts.time[i],
+            initial.qpos[i],
+            initial.qvel[i],
+            initial.act[i],
+            initial.time[i],
         )
         for step in range(STEPS):
             data.ctrl = controls[i, step]
@@ -103,20 +103,20 @@ def one_by_one(model, starts, controls, fields=None) -> np.ndarray:
     return sensors
 
 
-def rollout(model, starts, controls, threads=2, **options):
-    return Engine(model, threads).rollout(starts=starts, controls=controls, **options)
+def rollout(model, initial, controls, threads=2, **options):
+    return Engine(model, threads).rollout(initial=initial, controls=controls, **options)
 
 
-def test_first_sensors_are_those_of_the_start(model, starts, controls):
-    sensors = rollout(model, starts, controls).sensors
-    np.testing.assert_array_equal(sensors[:, 0, 0], starts.qpos[:, 0])
-    np.testing.assert_array_equal(sensors[:, 0, 1], starts.qvel[:, 1])
-    np.testing.assert_array_equal(sensors[:, 0, 5:], starts.qpos[:, 2:5])
+def test_first_sensors_are_those_of_the_start(model, initial, controls):
+    sensors = rollout(model, initial, controls).sensors
+    np.testing.assert_array_equal(sensors[:, 0, 0], initial.qpos[:, 0])
+    np.testing.assert_array_equal(sensors[:, 0, 1], initial.qvel[:, 1])
+    np.testing.assert_array_equal(sensors[:, 0, 5:], initial.qpos[:, 2:5])
 
 
-def test_equals_mj_step_bit_for_bit(model, starts, controls):
+def test_equals_mj_step_bit_for_bit(model, initial, controls):
     np.testing.assert_array_equal(
-        rollout(model, starts, controls).sensors, one_by_one(model, starts, controls)
+        rollout(model, initial, controls).sensors, one_by_one(model, initial, controls)
     )
 
 
@@ -153,8 +153,10 @@ def test_stages_in_which_nothing_happens_are_left_out_to_the_same_bits():
     lean = Engine(arm, 1).model
     assert lean.opt.disableflags == disable.mjDSBL_CONTACT | disable.mjDSBL_ISLAND
     assert arm.opt.disableflags == 0
-    begin = Starts(np.array([[0.4, 0.1, 0.05]]), np.array([[1.0, -2.0, 3.0]]), np.zeros((1, 0)), np.zeros(1))
-    batch = Engine(arm, 1).rollout(starts=begin, controls=np.zeros((1, 500, 0)))
+    begin = InitialStates(
+        np.array([[0.4, 0.1, 0.05]]), np.array([[1.0, -2.0, 3.0]]), np.zeros((1, 0)), np.zeros(1)
+    )
+    batch = Engine(arm, 1).rollout(initial=begin, controls=np.zeros((1, 500, 0)))
     data = mujoco.MjData(arm)
     data.qpos, data.qvel = begin.qpos[0], begin.qvel[0]
     sensors, limited = [], False
@@ -170,42 +172,42 @@ def test_contacts_and_islands_are_kept_where_there_can_be_any(model):
     assert Engine(model, 1).model.opt.disableflags == 0
 
 
-def test_equals_mj_step_with_parameters_of_each_simulation(model, starts, controls, fields):
-    batch = rollout(model, starts, controls, fields=fields)
-    np.testing.assert_array_equal(batch.sensors, one_by_one(model, starts, controls, fields))
+def test_equals_mj_step_with_parameters_of_each_simulation(model, initial, controls, fields):
+    batch = rollout(model, initial, controls, fields=fields)
+    np.testing.assert_array_equal(batch.sensors, one_by_one(model, initial, controls, fields))
     assert not batch.diverged.any()
 
 
-def test_parameters_do_not_leak_into_the_next_call(model, starts, controls, fields):
+def test_parameters_do_not_leak_into_the_next_call(model, initial, controls, fields):
     engine = Engine(model, 1)
-    before = engine.rollout(starts=starts, controls=controls).sensors
-    engine.rollout(starts=starts, controls=controls, fields=fields)
-    after = engine.rollout(starts=starts, controls=controls).sensors
+    before = engine.rollout(initial=initial, controls=controls).sensors
+    engine.rollout(initial=initial, controls=controls, fields=fields)
+    after = engine.rollout(initial=initial, controls=controls).sensors
     np.testing.assert_array_equal(before, after)
 
 
 @pytest.mark.parametrize("threads", [2, 3])
-def test_same_for_any_number_of_threads(model, starts, controls, fields, threads):
-    one = rollout(model, starts, controls, threads=1, fields=fields)
-    more = rollout(model, starts, controls, threads=threads, fields=fields)
+def test_same_for_any_number_of_threads(model, initial, controls, fields, threads):
+    one = rollout(model, initial, controls, threads=1, fields=fields)
+    more = rollout(model, initial, controls, threads=threads, fields=fields)
     np.testing.assert_array_equal(one.sensors, more.sensors)
 
 
-def test_control_row_picks_the_sequence(model, starts, controls):
+def test_control_row_picks_the_sequence(model, initial, controls):
     row = np.array([3, 3, 0, 1, 6, 2, 5])
     np.testing.assert_array_equal(
-        rollout(model, starts, controls, row=row).sensors,
-        rollout(model, starts, controls[row]).sensors,
+        rollout(model, initial, controls, row=row).sensors,
+        rollout(model, initial, controls[row]).sensors,
     )
 
 
-def test_columns_and_states(model, starts, controls):
-    whole = rollout(model, starts, controls, keep=Keep(states=True))
-    some = rollout(model, starts, controls, keep=Keep(columns=np.array([5, 0])))
+def test_columns_and_states(model, initial, controls):
+    whole = rollout(model, initial, controls, keep=Keep(states=True))
+    some = rollout(model, initial, controls, keep=Keep(columns=np.array([5, 0])))
     np.testing.assert_array_equal(some.sensors, whole.sensors[..., [5, 0]])
     assert some.qpos is None
-    np.testing.assert_array_equal(whole.qpos[:, 0], starts.qpos)
-    np.testing.assert_array_equal(whole.qvel[:, 0], starts.qvel)
+    np.testing.assert_array_equal(whole.qpos[:, 0], initial.qpos)
+    np.testing.assert_array_equal(whole.qvel[:, 0], initial.qvel)
     np.testing.assert_array_equal(whole.qpos[..., 0], whole.sensors[..., 0])
     np.testing.assert_array_equal(whole.qvel[..., 1], whole.sensors[..., 1])
 
@@ -220,9 +222,9 @@ DROPPED = """
 @pytest.mark.parametrize("forces", [(), (lambda world: None,)])
 def test_contacts_are_counted_before_each_step(forces):
     model = mujoco.MjModel.from_xml_string(DROPPED)
-    start = Starts(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
+    start = InitialStates(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
     found = Engine(model, 1).rollout(
-        starts=start, controls=np.zeros((1, 120, 0)), forces=forces, keep=Keep(states=True)
+        initial=start, controls=np.zeros((1, 120, 0)), forces=forces, keep=Keep(states=True)
     )
     np.testing.assert_array_equal(found.contacts[0], found.sensors[0, :, 0] < -0.05)
     assert 0 < found.contacts.sum() < 120
@@ -260,35 +262,35 @@ def damped(model) -> tuple[np.ndarray, ModelFields]:
     return coefficient, fields
 
 
-def test_no_force_is_the_plain_path_bit_for_bit(model, starts, controls, fields):
-    plain = rollout(model, starts, controls, fields=fields, keep=Keep(states=True))
-    forced = rollout(model, starts, controls, fields=fields, forces=[no_force], keep=Keep(states=True))
+def test_no_force_is_the_plain_path_bit_for_bit(model, initial, controls, fields):
+    plain = rollout(model, initial, controls, fields=fields, keep=Keep(states=True))
+    forced = rollout(model, initial, controls, fields=fields, forces=[no_force], keep=Keep(states=True))
     for name in ("sensors", "qpos", "qvel", "diverged"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(forced, name), err_msg=name)
 
 
-def test_a_damping_force_is_nearly_native_damping(model, starts, controls, damped):
+def test_a_damping_force_is_nearly_native_damping(model, initial, controls, damped):
     coefficient, fields = damped
-    plain = rollout(model, starts, controls).sensors[..., 0]
-    native = rollout(model, starts, controls, fields=fields).sensors[..., 0]
-    forced = rollout(model, starts, controls, forces=[drag(coefficient)]).sensors[..., 0]
+    plain = rollout(model, initial, controls).sensors[..., 0]
+    native = rollout(model, initial, controls, fields=fields).sensors[..., 0]
+    forced = rollout(model, initial, controls, forces=[drag(coefficient)]).sensors[..., 0]
     effect = np.abs(native - plain).max()
     assert effect > 5e-3  # m
     assert np.abs(forced - native).max() < 0.02 * effect  # explicit, against implicit
 
 
-def test_varied_damping_is_native_damping_bit_for_bit(model, starts, controls, damped):
+def test_varied_damping_is_native_damping_bit_for_bit(model, initial, controls, damped):
     coefficient, fields = damped
-    native = rollout(model, starts, controls, fields=fields)
-    forced = rollout(model, starts, controls, forces=[implicit_drag(coefficient)])
+    native = rollout(model, initial, controls, fields=fields)
+    forced = rollout(model, initial, controls, forces=[implicit_drag(coefficient)])
     np.testing.assert_array_equal(native.sensors, forced.sensors)
 
 
-def test_forces_add_up(model, starts, controls):
+def test_forces_add_up(model, initial, controls):
     third, whole = np.full(SIMULATIONS, 1 / 3), np.full(SIMULATIONS, 1.0)
     np.testing.assert_allclose(
-        rollout(model, starts, controls, forces=[drag(third)] * 3).sensors[..., 0],
-        rollout(model, starts, controls, forces=[drag(whole)]).sensors[..., 0],
+        rollout(model, initial, controls, forces=[drag(third)] * 3).sensors[..., 0],
+        rollout(model, initial, controls, forces=[drag(whole)]).sensors[..., 0],
         rtol=1e-12,
     )
 
@@ -297,11 +299,11 @@ def test_forces_add_up(model, starts, controls):
 
 
 @pytest.mark.parametrize("forced", [False, True])
-def test_chunks_do_not_change_results(model, starts, controls, fields, damped, monkeypatch, forced):
+def test_chunks_do_not_change_results(model, initial, controls, fields, damped, monkeypatch, forced):
     options = {"fields": fields, "forces": [drag(damped[0])] if forced else [], "keep": Keep(states=True)}
-    whole = rollout(model, starts, controls, **options)
+    whole = rollout(model, initial, controls, **options)
     monkeypatch.setattr(engine_module, "CHUNK_SIMULATIONS", 3)
-    parts = rollout(model, starts, controls, **options)
+    parts = rollout(model, initial, controls, **options)
     for name in ("sensors", "qpos", "qvel", "diverged"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name), err_msg=name)
 
@@ -316,22 +318,22 @@ def test_long_rollouts_are_chunked_by_memory(model, monkeypatch):
 
 
 @pytest.mark.parametrize("forced", [False, True])
-def test_a_diverging_simulation_is_marked_and_harms_no_other(model, starts, controls, forced):
+def test_a_diverging_simulation_is_marked_and_harms_no_other(model, initial, controls, forced):
     fields = ModelFields(model, SIMULATIONS)
     fields["opt.gravity"][4, 0] = 1e13
     forces = [no_force] if forced else []
-    batch = rollout(model, starts, controls, fields=fields, forces=forces)
+    batch = rollout(model, initial, controls, fields=fields, forces=forces)
     assert batch.diverged.tolist() == [i == 4 for i in range(SIMULATIONS)]
     others = np.arange(SIMULATIONS) != 4
-    alone = rollout(model, starts, controls)
+    alone = rollout(model, initial, controls)
     np.testing.assert_array_equal(batch.sensors[others], alone.sensors[others])
 
 
-def test_a_diverged_simulation_stays_where_it_was_last(model, starts, controls):
+def test_a_diverged_simulation_stays_where_it_was_last(model, initial, controls):
     fields = ModelFields(model, SIMULATIONS)
     fields["dof_damping"][1, 0] = -500
-    free = rollout(model, starts, controls, fields=fields)
-    forced = rollout(model, starts, controls, fields=fields, forces=[no_force])
+    free = rollout(model, initial, controls, fields=fields)
+    forced = rollout(model, initial, controls, fields=fields, forces=[no_force])
     assert free.diverged[1] and forced.diverged[1]
     np.testing.assert_array_equal(free.sensors, forced.sensors)
     last = free.sensors[1, -1]
@@ -340,29 +342,29 @@ def test_a_diverged_simulation_stays_where_it_was_last(model, starts, controls):
     assert not changes[np.flatnonzero(changes)[-1] + 1 :].any() and not changes[-10:].any()
 
 
-def test_a_force_that_blows_up_is_marked(model, starts, controls):
+def test_a_force_that_blows_up_is_marked(model, initial, controls):
     def explode(world: World) -> None:
         world.qfrc_applied[world.rows == 2, 0] = 1e15
 
-    batch = rollout(model, starts, controls, forces=[explode])
+    batch = rollout(model, initial, controls, forces=[explode])
     assert batch.diverged.tolist() == [i == 2 for i in range(SIMULATIONS)]
     others = np.arange(SIMULATIONS) != 2
     np.testing.assert_array_equal(
-        batch.sensors[others], rollout(model, starts, controls, forces=[no_force]).sensors[others]
+        batch.sensors[others], rollout(model, initial, controls, forces=[no_force]).sensors[others]
     )
 
 
 def test_divergence_prints_nothing_and_writes_no_log_file(tmp_path):
     program = f"""
 import mujoco, numpy as np
-from capture_cli.simulate.engine import Engine, ModelFields, Starts
+from capture_cli.simulate.engine import Engine, InitialStates, ModelFields
 model = mujoco.MjModel.from_xml_string('''{XML}''')
 fields = ModelFields(model, 50)
 fields["opt.gravity"][:, 0] = 1e13
-start = Starts(model.qpos0[None], np.zeros((1, model.nv)), np.zeros((1, model.na)), np.zeros(1))
+start = InitialStates(model.qpos0[None], np.zeros((1, model.nv)), np.zeros((1, model.na)), np.zeros(1))
 for forces in ([], [lambda world: None]):
     done = Engine(model, 2).rollout(
-        starts=start.rows(np.zeros(50, int)), controls=np.zeros((50, 20, 2)), fields=fields, forces=forces
+        initial=start.rows(np.zeros(50, int)), controls=np.zeros((50, 20, 2)), fields=fields, forces=forces
     )
     assert done.diverged.all()
 """

@@ -27,10 +27,10 @@ def prepared(slider_task, tmp_path) -> PreparedLog:
     return prepare(made.log, load_task(str(slider_task)))
 
 
-def found_in(prepared: PreparedLog, offsets: np.ndarray | None = None, rounds: int = 50):
+def found_in(prepared: PreparedLog, corrections: np.ndarray | None = None, rounds: int = 50):
     start = prepared.task.space.nominal
     with Progress("identify", "round", quiet=True) as progress:
-        return by_physics(ModelFits(prepared, 1), start, progress, Descents(0, rounds=rounds), offsets)
+        return by_physics(ModelFits(prepared, 1), start, progress, Descents(0, rounds=rounds), corrections)
 
 
 def test_a_descent_that_converged_is_not_linearized_again(prepared, monkeypatch):
@@ -53,7 +53,7 @@ def test_one_that_was_stopped_early_is(prepared):
 
 def test_offsets_of_the_starts_are_gone_on_from(prepared):
     found = found_in(prepared)
-    again = found_in(prepared, offsets=found.best.offsets)
+    again = found_in(prepared, corrections=found.best.corrections)
     with_offsets, without = again.history[0].error, found.history[0].error
     assert with_offsets != without
 

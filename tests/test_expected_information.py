@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.estimate.initial_states.from_outputs import model_initial_states
 from capture_cli.estimate.noise.noise_floor import NoiseFloor
 from capture_cli.estimate.solve.linearization import Data, Linearization
 from capture_cli.model.parameters import Parameter, ParameterSpace
@@ -61,7 +61,7 @@ def swing(folder: Path, window: float | None) -> str:
 
 
 def linearization(by_parameter: np.ndarray) -> Linearization:
-    """Of windows whose starts are known, in units of the noise; by_parameter (window, row, axis)."""
+    """Of windows whose initial states are known, in units of the noise; by_parameter (window, row, axis)."""
     windows, rows, axes = by_parameter.shape
     silent = np.zeros((windows, rows, 1))
     data = Data(SPACE, silent, silent == 0, np.ones(1), np.zeros((windows, 0)))
@@ -128,7 +128,7 @@ def test_what_diverges_is_not_among_the_episodes(tmp_path):
     time = 0.004 * np.arange(200)
     inputs = np.concatenate([peak * np.sin(3 * time) for peak in (1e15, 1.0, 1e15, 0.5)])[:, None]
     ends = len(time) * (1 + np.arange(4))
-    driven = Drive(np.tile(time, 4), inputs, ends, model_starts(task.model, 4).starts)
+    driven = Drive(np.tile(time, 4), inputs, ends, model_initial_states(task.model, 4).states)
     known = Known(
         point=task.space.nominal,
         covariance=np.diag([1e-4, 1e-4, 1e-4]),
@@ -143,7 +143,7 @@ def test_what_diverges_is_not_among_the_episodes(tmp_path):
     prepared, sound = planned(task, driven, known, threads=1)
     assert sound.tolist() == [1, 3]
     assert prepared.windows.episode.tolist() == [0, 0, 1, 1]
-    assert np.isfinite(prepared.starts.starts.qpos).all()
+    assert np.isfinite(prepared.initial.states.qpos).all()
     assert planned(task, driven.rows(np.array([0, 2])), known, threads=1)[0] is None
 
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from capture_cli.estimate.initial_states import of_windows as log_starts
+from capture_cli.estimate.initial_states import of_windows as log_initial_states
 from capture_cli.estimate.initial_states.nominal_motion import nominal_motion
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.split import NewSplit
@@ -69,10 +69,10 @@ def balanced(tmp_path_factory):
 def test_what_is_not_measured_is_carried_along_with_what_is(balanced):
     task, log, states = balanced
     prepared = prepare(log, task, split=NewSplit("none"))
-    starts, true = prepared.starts.starts, states[prepared.windows.first]
+    initial, true = prepared.initial.states, states[prepared.windows.first]
     assert np.abs(states[:, 0]).max() > 0.3
-    assert np.abs(starts.qpos[:, 0] - true[:, 0]).max() < 0.1
-    assert np.abs(starts.qvel[:, 0] - true[:, 2]).max() < 0.05
+    assert np.abs(initial.qpos[:, 0] - true[:, 0]).max() < 0.1
+    assert np.abs(initial.qvel[:, 0] - true[:, 2]).max() < 0.05
 
 
 def test_a_shorter_episode_stays_where_it_ends(balanced):
@@ -81,8 +81,8 @@ def test_a_shorter_episode_stays_where_it_ends(balanced):
     both = np.concatenate([np.arange(STEPS), np.flatnonzero(half)])
     values = {name: getattr(log, name)[both] for name in ("time", "inputs", "outputs")}
     short = replace(log, **values, episode_ends=np.array([STEPS, len(both)]), recording=np.zeros(2, int))
-    whole = log_starts.cut_log(short, task, None)
-    paths = log_starts.followed_motion(short, task, whole, [0], np.array([1e-4]), 1)
+    whole = log_initial_states.cut_log(short, task, None)
+    paths = log_initial_states.followed_motion(short, task, whole, [0], np.array([1e-4]), 1)
     end = whole.grid_steps[1] - 1
     assert np.abs(paths.qpos[1, :end] - paths.qpos[0, :end]).max() < 1e-3
     assert (paths.qpos[1, end:] == paths.qpos[1, end]).all() and np.ptp(paths.qpos[0, end:, 0]) > 0.1
@@ -93,26 +93,28 @@ def test_a_simulation_by_the_inputs_alone_falls_over(balanced, monkeypatch):
         return nominal_motion(task, task.controls(whole.controls))
 
     task, log, states = balanced
-    monkeypatch.setattr(log_starts, "followed_motion", by_inputs_alone)
+    monkeypatch.setattr(log_initial_states, "followed_motion", by_inputs_alone)
     prepared = prepare(log, task, split=NewSplit("none"))
-    assert np.abs(prepared.starts.starts.qvel[:, 0] - states[prepared.windows.first, 2]).max() > 0.25
+    assert np.abs(prepared.initial.states.qvel[:, 0] - states[prepared.windows.first, 2]).max() > 0.25
 
 
 def test_the_way_that_comes_nearest_to_the_log_is_taken(balanced, monkeypatch):
     """Set anew, bodies may be thrown about by what they touch: then the simulation by the inputs alone stands."""
     task, log, _ = balanced
-    good = prepare(log, task, split=NewSplit("none")).starts.starts
-    real = log_starts.followed_motion
+    good = prepare(log, task, split=NewSplit("none")).initial.states
+    real = log_initial_states.followed_motion
 
     def thrown(*given):
         motion = real(*given)
         motion.qvel[...] += 10.0
         return motion
 
-    monkeypatch.setattr(log_starts, "nominal_motion", lambda *_, **__: real(log, task, *followed_with))
-    followed_with = (log_starts.cut_log(log, task, None), [0], np.array([1e-4]), 1)
-    monkeypatch.setattr(log_starts, "followed_motion", thrown)
-    found = prepare(log, task, split=NewSplit("none")).starts.starts
+    monkeypatch.setattr(
+        log_initial_states, "nominal_motion", lambda *_, **__: real(log, task, *followed_with)
+    )
+    followed_with = (log_initial_states.cut_log(log, task, None), [0], np.array([1e-4]), 1)
+    monkeypatch.setattr(log_initial_states, "followed_motion", thrown)
+    found = prepare(log, task, split=NewSplit("none")).initial.states
     assert np.abs(found.qvel - good.qvel).max() < 0.01
 
 

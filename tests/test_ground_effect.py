@@ -14,7 +14,7 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import cut
 from capture_cli.model.effects.companion import companion_module
 from capture_cli.model.effects.ground_effect import GroundEffect, lift_near_floor
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
 from capture_cli.simulate.multisine import multisine
 from capture_cli.simulate.simulator import Simulator
@@ -85,8 +85,8 @@ def pushed(model: mujoco.MjModel, tape: np.ndarray, radius: float, rotors, floor
     return np.array(recorded)
 
 
-def still(model: mujoco.MjModel) -> Starts:
-    return Starts(model.qpos0[None], np.zeros((1, model.nv)), np.zeros((1, model.na)), np.zeros(1))
+def still(model: mujoco.MjModel) -> InitialStates:
+    return InitialStates(model.qpos0[None], np.zeros((1, model.nv)), np.zeros((1, model.na)), np.zeros(1))
 
 
 @pytest.mark.parametrize(("xml", "rotors", "floor"), [(DRONE, 2, 0), (QUADROTOR, 4, 3)])
@@ -94,9 +94,9 @@ def test_it_is_a_force_at_each_rotor_as_in_a_plain_loop(xml, rotors, floor, tmp_
     model = build(xml)
     effect, tape = GroundEffect(model), tape_of(model)
     expected = pushed(model, tape, RADIUS, range(rotors), floor)
-    found, _ = run(model, (effect, np.array([[RADIUS]])), tape=tape[None], starts=still(model))
+    found, _ = run(model, (effect, np.array([[RADIUS]])), tape=tape[None], initial=still(model))
     np.testing.assert_allclose(found[0], expected, rtol=0, atol=1e-11)
-    plain, _ = run(model, tape=tape[None], starts=still(model))
+    plain, _ = run(model, tape=tape[None], initial=still(model))
     assert np.abs(plain[0] - expected).max() > 0.01
     path = tmp_path / "effects.py"
     path.write_text(companion_module("m.xml", "m", {"ground-effect": (effect, np.array([RADIUS]))}))
@@ -204,9 +204,9 @@ def flown(task, radius: float) -> MeasuredLog:
     whole = cut(samples, None, task.timestep, np.zeros(2, dtype=bool))
     qpos, qvel = np.zeros((EPISODES, 3)), 0.05 * generator.standard_normal((EPISODES, 3))
     qpos[:, 1] = generator.uniform(0.0, 0.1, EPISODES)
-    starts = Starts(qpos, qvel, np.zeros((EPISODES, 0)), np.zeros(EPISODES))
+    initial = InitialStates(qpos, qvel, np.zeros((EPISODES, 0)), np.zeros(EPISODES))
     truth = np.array([[1.04, 1.03, radius]])
-    simulated = Simulator(task, [("ground-effect", effect)], threads=1).simulate(whole, starts, truth)
+    simulated = Simulator(task, [("ground-effect", effect)], threads=1).simulate(whole, initial, truth)
     return MeasuredLog(
         task=task.name,
         time=time,

@@ -72,7 +72,7 @@ def test_what_was_before_a_window_is_followed_through_what_was_measured(tmp_path
 def test_a_joint_that_nothing_measures_has_no_such_friction(tmp_path):
     prepared, _ = prepared_log(tmp_path)
     assert any(c.name == EFFECT for c in all_candidates(prepared))
-    blind = replace(prepared, starts=replace(prepared.starts, reported=None))
+    blind = replace(prepared, initial=replace(prepared.initial, reported=None))
     assert not any(c.name == EFFECT for c in all_candidates(blind))
 
 

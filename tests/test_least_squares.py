@@ -52,20 +52,22 @@ def test_a_descent_that_will_is_not(to_beat):
 
 
 def linear_machine(windows: int, states: int, rows: int, free: np.ndarray):
-    """Data of a machine that is linear in two parameters and its starts, and what its simulations give."""
+    """Data of a machine that is linear in two parameters and its initial states, and what its simulations give."""
     generator = np.random.default_rng(3)
     by_parameter = generator.normal(size=(windows, rows, 2))
-    by_start = generator.normal(size=(windows, rows, states))
+    by_initial = generator.normal(size=(windows, rows, states))
     space = ParameterSpace([Parameter(n, "1", 0.0, 1.0, 0.5) for n in "ab"])
     measured = by_parameter.sum(axis=2)[..., None] * 0.3 + generator.normal(size=(windows, rows, 1))
     data = Data(space, measured, np.ones(measured.shape, dtype=bool), np.ones(1), 0.1 * free)
     simulated = []
 
     def evaluate(trial: Trial):
-        moves = np.concatenate([np.repeat(trial.parameters[:, None], windows, axis=1), trial.offsets], axis=2)
+        moves = np.concatenate(
+            [np.repeat(trial.parameters[:, None], windows, axis=1), trial.corrections], axis=2
+        )
         simulated.append(len(np.unique(moves.reshape(-1, moves.shape[2]), axis=0)))
         outputs = np.einsum("wrp,tp->twr", by_parameter, trial.parameters)
-        outputs += np.einsum("wrs,tws->twr", by_start, trial.offsets)
+        outputs += np.einsum("wrs,tws->twr", by_initial, trial.corrections)
         return outputs[..., None], np.zeros((len(trial), windows), dtype=bool)
 
     return data, evaluate, simulated
@@ -83,13 +85,13 @@ def test_what_is_known_of_held_starts_is_not_measured_again_where_they_are_freed
 
     data, evaluate, simulated = linear_machine(windows, states, rows, free)
     known = before.at.known_in(data, len(data.space), states)
-    known = LeastSquares(data, start=best.parameters, offsets=best.offsets, starts=1, known=known)
+    known = LeastSquares(data, start=best.parameters, corrections=best.corrections, starts=1, known=known)
     known.tell(*evaluate(known.ask()))
-    full = LeastSquares(data, start=best.parameters, offsets=best.offsets, starts=1)
+    full = LeastSquares(data, start=best.parameters, corrections=best.corrections, starts=1)
     full.tell(*evaluate(full.ask()))
     assert simulated[0] < simulated[1]
     assert (known.at.updates, full.at.updates) == (before.at.updates, 0)
-    for name in ("residual", "by_parameter", "by_start"):
+    for name in ("residual", "by_parameter", "by_initial"):
         np.testing.assert_allclose(getattr(known.at, name), getattr(full.at, name), rtol=1e-6, atol=1e-6)
     free_best = run(known, evaluate)
     assert free_best.error <= best.error
@@ -103,10 +105,10 @@ def test_a_window_whose_start_runs_away_does_not_keep_the_others_from_their_step
     generator = np.random.default_rng(5)
     space = ParameterSpace([Parameter(n, "1", 0.0, 1.0, 0.5) for n in "ab"])
     by_parameter = generator.normal(size=(windows, rows, 2)) * 20.0
-    by_start = generator.normal(size=(windows, rows))
+    by_initial = generator.normal(size=(windows, rows))
     truth = np.array([0.3, 0.8])
     measured = by_parameter @ truth + generator.normal(size=(windows, rows))
-    measured[0] += 6.0 * by_start[0]
+    measured[0] += 6.0 * by_initial[0]
     data = Data(
         space, measured[..., None], np.ones((windows, rows, 1), dtype=bool), np.ones(1), np.ones((windows, 1))
     )
@@ -115,8 +117,8 @@ def test_a_window_whose_start_runs_away_does_not_keep_the_others_from_their_step
     def evaluate(trial: Trial):
         nonlocal simulated
         simulated += len(trial) * (windows if trial.windows is None else len(trial.windows))
-        outputs = np.einsum("wrp,cp->cwr", by_parameter, trial.parameters) + by_start * trial.offsets
-        over = trial.offsets[..., 0] > 0.5
+        outputs = np.einsum("wrp,cp->cwr", by_parameter, trial.parameters) + by_initial * trial.corrections
+        over = trial.corrections[..., 0] > 0.5
         over[:, 1:] = False
         outputs += 1e3 * over[..., None]
         return outputs[..., None], over & diverges
@@ -133,7 +135,7 @@ def test_a_step_of_initial_states_alone_that_fails_leaves_the_trust_region():
     signs = np.random.default_rng(0).choice([-1.0, 1.0], ROWS)
 
     def evaluate(trial: Trial):
-        moved = trial.offsets[:, :, 0]
+        moved = trial.corrections[:, :, 0]
         outputs = np.where(moved < 0.05, 5.0 * (1 - moved), 10.0)  # promises what it does not keep
         return (outputs[..., None] * signs)[..., None], np.zeros(outputs.shape, dtype=bool)
 

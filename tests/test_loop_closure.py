@@ -1,4 +1,6 @@
-"""What closes a loop says where the coordinates in it are: starts of machines of which few joints are measured."""
+"""What closes a loop says where the coordinates in it are: initial states of machines of which few joints are
+measured.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_cli.estimate.initial_states.from_outputs import SETTINGS as FROM_OUTPUTS
-from capture_cli.estimate.initial_states.from_outputs import Places, StartEstimate, estimate_starts
+from capture_cli.estimate.initial_states.from_outputs import (
+    InitialStateEstimate,
+    Places,
+    estimated_initial_states,
+)
 from capture_cli.log.arrays import Log
 from capture_cli.model.loop_closure import LoopClosure, MeasuredPositions
-from capture_cli.model.states import Starts, offsets_between, shift
+from capture_cli.model.states import InitialStates, corrections_between, shift
 from capture_cli.simulate.engine import Engine, Keep
 
 PRESS = """
@@ -74,14 +80,14 @@ def driven(xml: str, size: float):
     """The model, its sampled times, and the true rollout there: one joint is driven, and turns several times over."""
     model = mujoco.MjModel.from_xml_string(xml)
     time = model.opt.timestep * np.arange(STEPS)
-    still = Starts(model.qpos0[None] + 0.0, np.zeros((1, model.nv)), np.zeros((1, 0)), np.zeros(1))
+    still = InitialStates(model.qpos0[None] + 0.0, np.zeros((1, model.nv)), np.zeros((1, 0)), np.zeros(1))
     drive = size * (0.5 + np.sin(4 * time))
-    done = Engine(model, 1).rollout(starts=still, controls=drive[None, :, None], keep=Keep(states=True))
+    done = Engine(model, 1).rollout(initial=still, controls=drive[None, :, None], keep=Keep(states=True))
     return model, time[::EVERY], done.sensors[0, ::EVERY], done.qpos[0, ::EVERY], done.qvel[0, ::EVERY]
 
 
-def estimated(model, time, outputs, at, believed=None) -> StartEstimate:
-    return estimate_starts(
+def estimated(model, time, outputs, at, believed=None) -> InitialStateEstimate:
+    return estimated_initial_states(
         model,
         [0],
         Places(Log(time, outputs, [slice(0, len(time))]), at, np.zeros(len(at), dtype=int)),
@@ -90,7 +96,7 @@ def estimated(model, time, outputs, at, believed=None) -> StartEstimate:
     )
 
 
-def astray(model, count: int, seed: int) -> StartEstimate:
+def astray(model, count: int, seed: int) -> InitialStateEstimate:
     """What is believed of coordinates that nothing measures: anything."""
     random = np.random.default_rng(seed)
     qpos = np.repeat(model.qpos0[None], count, axis=0)
@@ -98,15 +104,15 @@ def astray(model, count: int, seed: int) -> StartEstimate:
         mujoco.mj_integratePos(model, row, random.normal(0, 1.0, model.nv), 1.0)
     qvel = random.normal(0, 1.0, (count, model.nv))
     sd = np.full((count, 2 * model.nv), 3.0)
-    return StartEstimate(Starts(qpos, qvel, np.zeros((count, 0)), np.zeros(count)), sd)
+    return InitialStateEstimate(InitialStates(qpos, qvel, np.zeros((count, 0)), np.zeros(count)), sd)
 
 
-def errors(model, starts: Starts, qpos, qvel) -> np.ndarray:
+def errors(model, initial: InitialStates, qpos, qvel) -> np.ndarray:
     """(window, state), in the tangent space."""
-    apart = np.zeros((len(starts), model.nv))
-    for row, here, there in zip(apart, starts.qpos, qpos, strict=True):
+    apart = np.zeros((len(initial), model.nv))
+    for row, here, there in zip(apart, initial.qpos, qpos, strict=True):
         mujoco.mj_differentiatePos(model, row, 1.0, there, here)
-    return np.concatenate([apart, starts.qvel - qvel], axis=1)
+    return np.concatenate([apart, initial.qvel - qvel], axis=1)
 
 
 @pytest.mark.parametrize("name", MACHINES)
@@ -115,7 +121,7 @@ def test_what_nothing_measures_follows_from_the_loop(name):
     noisy = outputs + np.random.default_rng(1).normal(0, NOISE, outputs.shape)
     at = np.arange(100, len(time) - 100, 50)
     found = estimated(model, time, noisy, at)
-    off = errors(model, found.starts, qpos[at], qvel[at])
+    off = errors(model, found.states, qpos[at], qvel[at])
     assert np.abs(off[:, : model.nv]).max() < 20 * NOISE
     assert np.abs(off[:, model.nv :]).max() < 0.1
     assert (
@@ -134,7 +140,7 @@ def test_the_press_turns_over():
 def test_starts_satisfy_the_constraints_wherever_one_begins(seed, name):
     model, time, outputs, *_ = driven(*MACHINES[name])
     at = np.array([len(time) // 2])
-    found = estimated(model, time, outputs, at, astray(model, 1, seed)).starts
+    found = estimated(model, time, outputs, at, astray(model, 1, seed)).states
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = found.qpos[0], found.qvel[0]
     mujoco.mj_forward(model, data)
@@ -157,7 +163,7 @@ def test_without_constraints_nothing_changes():
     at = np.array([200, 400])
     believed = astray(loose, 2, 5)
     found = estimated(loose, time, outputs, at, believed)
-    assert np.array_equal(found.starts.qpos[:, 1], believed.starts.qpos[:, 1])
+    assert np.array_equal(found.states.qpos[:, 1], believed.states.qpos[:, 1])
     assert np.array_equal(found.sd[:, 1], believed.sd[:, 1])
 
 
@@ -179,15 +185,15 @@ SOFT = SOFT.replace("</sensor>", '<jointpos joint="right"/></sensor>')
 def test_constraints_are_as_soft_as_loads_have_them(sensors):
     model = mujoco.MjModel.from_xml_string(SOFT)
     time = model.opt.timestep * np.arange(STEPS)
-    still = Starts(model.qpos0[None] + 0.0, np.zeros((1, model.nv)), np.zeros((1, 0)), np.zeros(1))
+    still = InitialStates(model.qpos0[None] + 0.0, np.zeros((1, model.nv)), np.zeros((1, 0)), np.zeros(1))
     controls = 3 * np.sin(20 * time)[None, :, None]
-    done = Engine(model, 1).rollout(starts=still, controls=controls, keep=Keep(states=True))
+    done = Engine(model, 1).rollout(initial=still, controls=controls, keep=Keep(states=True))
     slack = LoopClosure(model).slack_of(done.qpos[0], done.qvel[0])
     assert slack.shape == (2, 1) and slack[0, 0] > 10 * NOISE
     at = np.arange(100, STEPS // EVERY - 100, 50)
     off = {}
     for known in (None, slack):
-        found = estimate_starts(
+        found = estimated_initial_states(
             model,
             sensors,
             Places(
@@ -200,7 +206,7 @@ def test_constraints_are_as_soft_as_loads_have_them(sensors):
             slack=known,
         )
         off[known is None] = (
-            np.abs(errors(model, found.starts, done.qpos[0, ::EVERY][at], done.qvel[0, ::EVERY][at]))
+            np.abs(errors(model, found.states, done.qpos[0, ::EVERY][at], done.qvel[0, ::EVERY][at]))
             / found.sd
         )
     assert off[True].max() > 10, "further off than anything that they are said to be known to"
@@ -211,11 +217,11 @@ def test_constraints_are_as_soft_as_loads_have_them(sensors):
 def test_a_start_may_leave_a_constraint_as_far_as_that_gives_way(name):
     model, *_, qpos, qvel = driven(*MACHINES[name])
     at = slice(1000 // EVERY, 1001 // EVERY + 1)
-    starts = Starts(qpos[at], qvel[at], np.zeros((1, 0)), np.zeros(1))
+    initial = InitialStates(qpos[at], qvel[at], np.zeros((1, 0)), np.zeros(1))
     sd = np.concatenate([np.full((1, model.nv), 0.1), np.full((1, model.nv), 1.0)], axis=1)
     rows = len(LoopClosure(model).slack_of(qpos[at], qvel[at])[0])
     far = 1e9 * np.ones((2, rows))  # so far that they say nothing
-    found, left = LoopClosure(model, far).close(starts, sd, qpos[at])
+    found, left = LoopClosure(model, far).close(initial, sd, qpos[at])
     np.testing.assert_allclose(found.together[0], np.tile(np.eye(model.nv), (2, 1, 1)), atol=1e-6)
     np.testing.assert_allclose(left, sd, rtol=1e-6)
 
@@ -224,14 +230,14 @@ def test_a_start_may_leave_a_constraint_as_far_as_that_gives_way(name):
 def test_a_start_moves_as_the_constraints_let_it(name):
     """One coordinate that moved alone would be thrown back, and nothing smooth would come of it."""
     model, time, outputs, *_ = driven(*MACHINES[name])
-    found = estimated(model, time, outputs, np.array([len(time) // 2])).starts
+    found = estimated(model, time, outputs, np.array([len(time) // 2])).states
     moves = 1e-4 * np.eye(2 * model.nv)
 
-    def broken(starts: Starts) -> float:
+    def broken(initial: InitialStates) -> float:
         """By how much, at most, constraints are off more than before by a move of positions, and their rates by one of
         velocities.
         """
-        moved = shift(model, starts.rows(np.zeros(2 * model.nv, dtype=int)), moves)
+        moved = shift(model, initial.rows(np.zeros(2 * model.nv, dtype=int)), moves)
         data, off = mujoco.MjData(model), []
         for qpos, qvel in zip([*found.qpos, *moved.qpos], [*found.qvel, *moved.qvel], strict=True):
             data.qpos[:], data.qvel[:] = qpos, qvel
@@ -251,9 +257,9 @@ def test_a_start_moves_as_the_constraints_let_it(name):
 @pytest.mark.parametrize("name", MACHINES)
 def test_offsets_between_starts_lead_from_one_to_the_other(name):
     model, time, outputs, *_ = driven(*MACHINES[name])
-    begin = estimated(model, time, outputs, np.array([len(time) // 2])).starts
+    begin = estimated(model, time, outputs, np.array([len(time) // 2])).states
     end = shift(model, begin, np.random.default_rng(3).normal(scale=1e-3, size=(1, 2 * model.nv)))
-    there = shift(model, begin, offsets_between(model, begin, end))
+    there = shift(model, begin, corrections_between(model, begin, end))
     np.testing.assert_allclose(there.qpos, end.qpos, atol=1e-6)
     np.testing.assert_allclose(there.qvel, end.qvel, atol=1e-6)
 
@@ -264,7 +270,7 @@ def test_an_episode_may_begin_anywhere(first, turns):
     """The crank's first angle may be far from the model's own, and an encoder counts turns that were before the log."""
     model, time, outputs, qpos, _ = driven(*MACHINES["press"])
     outputs = outputs + 2 * np.pi * turns
-    found = estimated(model, time[first:], outputs[first:], np.array([0])).starts
+    found = estimated(model, time[first:], outputs[first:], np.array([0])).states
     assert abs(found.qpos[0, 0] - outputs[first, 0]) < 20 * NOISE
     np.testing.assert_allclose(np.exp(1j * found.qpos[0, 1]), np.exp(1j * qpos[first, 1]), atol=20 * NOISE)
     np.testing.assert_allclose(found.qpos[0, 2], qpos[first, 2], atol=20 * NOISE)
@@ -293,7 +299,7 @@ def test_outputs_that_contradict_a_loop_are_named(off):
     noise = np.full(2, NOISE)
     outputs = qpos[:, [0, 2]] + [off, 0] + np.random.default_rng(2).normal(0, NOISE, (len(time), 2))
     at = np.arange(0, len(time), 100)
-    found = estimate_starts(
+    found = estimated_initial_states(
         model,
         [0, 1],
         Places(Log(time, outputs, [slice(0, len(time))]), at, np.zeros(len(at), dtype=int)),

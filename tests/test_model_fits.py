@@ -118,8 +118,8 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
     assert later[windows.elapsed > 0.3 * WINDOWS.lead].all() and not later[windows.elapsed == 0].any()
     assert (
         later.any()
-        and np.all(free.offsets[later, -1] == 0)
-        and np.all(free.offsets[windows.elapsed == 0, -1] != 0)
+        and np.all(free.corrections[later, -1] == 0)
+        and np.all(free.corrections[windows.elapsed == 0, -1] != 0)
     )
     assert 0 < free.at.fitted_hidden.sum() <= (~later).sum()
     without = ModelFits(prepared, 1).fit(prepared.part(later), [Placed(name, effect)], truth)
@@ -238,11 +238,11 @@ def test_windows_that_a_trial_does_not_concern_are_not_simulated(tmp_path):
     prepared, truth = planted(tmp_path, "sensor-low-pass@q.time_constant=0.04")
     fits = ModelFits(prepared, 1)
     simulator = fits.simulator([])
-    points, offsets = np.tile(truth[:-1], (2, 1)), np.zeros((2, *prepared.starts.sd.shape))
-    offsets[1] = 0.1 * prepared.starts.sd
-    every, _ = prepared.evaluate(simulator, Trial(points, offsets))
+    points, corrections = np.tile(truth[:-1], (2, 1)), np.zeros((2, *prepared.initial.sd.shape))
+    corrections[1] = 0.1 * prepared.initial.sd
+    every, _ = prepared.evaluate(simulator, Trial(points, corrections))
     which, before = np.array([1, 4]), fits.rollouts
-    some, diverged = prepared.evaluate(simulator, Trial(points, offsets, which))
+    some, diverged = prepared.evaluate(simulator, Trial(points, corrections, which))
     assert fits.rollouts - before == 4
     seen = prepared.windows.sampled[which]
     assert np.array_equal(some[:, which] * seen, every[:, which] * seen)
@@ -279,9 +279,9 @@ def _hold_hidden(monkeypatch) -> None:
 
     def held(self, simulator):
         free = data(self, simulator)
-        sd = free.start_sd.copy()
-        sd[:, self.starts.sd.shape[1] :] = 0.0
-        return replace(free, start_sd=sd, hidden_tried=free.hidden_tried[:0])
+        sd = free.initial_sd.copy()
+        sd[:, self.initial.sd.shape[1] :] = 0.0
+        return replace(free, initial_sd=sd, hidden_tried=free.hidden_tried[:0])
 
     monkeypatch.setattr(PreparedLog, "data", held)
 
@@ -293,11 +293,17 @@ def test_offsets_of_the_machine_are_carried_to_another_model_and_hidden_ones_are
     size = len(prepared.task.space)
     declared = fits.fit(prepared, [], truth[:size], effort=Effort(tolerance=FIT.exact))
     rich = fits.fit(
-        prepared, [Placed("compliance", effect)], truth, offsets=declared.offsets, effort=Effort(rounds=3)
+        prepared,
+        [Placed("compliance", effect)],
+        truth,
+        corrections=declared.corrections,
+        effort=Effort(rounds=3),
     )
-    assert rich.offsets.shape[1] == declared.offsets.shape[1] + len(effect.states)
-    assert np.abs(rich.offsets[:, -2:]).max() > 0
-    back = fits.fit(prepared, [], truth[:size], offsets=rich.offsets, effort=Effort(tolerance=FIT.exact))
+    assert rich.corrections.shape[1] == declared.corrections.shape[1] + len(effect.states)
+    assert np.abs(rich.corrections[:, -2:]).max() > 0
+    back = fits.fit(
+        prepared, [], truth[:size], corrections=rich.corrections, effort=Effort(tolerance=FIT.exact)
+    )
     assert back.penalised_squares == pytest.approx(declared.penalised_squares, rel=1e-2)
     residuals, diverged = fits.probe(prepared, declared, Placed("compliance", effect), truth[None, size:])
     assert residuals.shape[0] == 1 and not diverged.any()

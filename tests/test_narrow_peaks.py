@@ -15,7 +15,7 @@ from capture_cli.estimate.split import NewSplit
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.placed import Placed
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.log_parts import select_folds
@@ -76,11 +76,11 @@ def test_pulses_add_up_to_a_force_whatever_the_chunks(monkeypatch):
     every = np.vstack([np.zeros(pulses.count), np.diag(heights), heights])
     monkeypatch.setattr("capture_cli.simulate.engine.CHUNK_SIMULATIONS", 5)
     count = len(every)
-    still = Starts(*(np.zeros((count, n)) for n in (model.nq, model.nv, model.na)), np.zeros(count))
+    still = InitialStates(*(np.zeros((count, n)) for n in (model.nq, model.nv, model.na)), np.zeros(count))
     sensors = (
         Engine(model, 1)
         .rollout(
-            starts=still,
+            initial=still,
             controls=np.zeros((count, 150, model.nu)),
             forces=[pulses.force(every, model.opt.timestep)],
         )

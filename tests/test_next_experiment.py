@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.estimate.initial_states.from_outputs import model_initial_states
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepare import prepare
 from capture_cli.model.effects import REGISTRY
@@ -103,13 +103,13 @@ def test_an_experiment_does_not_begin_where_the_log_did(fits):
     spring.look_in(SeenLog(window=1.0, longest=2.0, logged=frozenset({0}), seen={spring.joint: seen}))
     windows = driven_windows(task, time, np.zeros((1, 200, len(task.inputs))))
     point = np.append(task.space.nominal, [120.0, 0.3])  # N/m, s
-    starts = model_starts(task.model, 1).starts
-    simulated = fits.simulator([Placed("spring", spring)]).simulate(windows, starts, point[None])
+    initial = model_initial_states(task.model, 1).states
+    simulated = fits.simulator([Placed("spring", spring)]).simulate(windows, initial, point[None])
     assert np.abs(simulated.outputs).max() < 1e-4, "it is at rest, and nothing drives it"
 
 
 def test_what_runs_away_does_not_hide_where_the_machine_begins(fits, tmp_path):
-    """A range is asked for from where the model starts on, and of the strongest drives one may run away."""
+    """A range is asked for from where the model initial states on, and of the strongest drives one may run away."""
     model = (SLIDER.parent / "model.xml").read_text().replace('ctrlrange="-30 30"', "")
     begin = '<keyframe><key qpos="0.9"/></keyframe></mujoco>'
     (tmp_path / "model.xml").write_text(model.replace("</mujoco>", begin))

@@ -18,7 +18,7 @@ from capture_cli.estimate.split import NewSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.effects.base import Recordings, SeenLog
 from capture_cli.model.effects.periodic_disturbance import PeriodicDisturbance
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
 from capture_cli.select import search as attribution
 from capture_cli.select.candidates import all_candidates
@@ -154,11 +154,11 @@ def moved(
     if turns is not None:
         wave = (VALUES[0] + 1j * VALUES[1]) * np.exp(2j * np.pi * turns)
         values[:, :2] = np.stack([wave.real, wave.imag], axis=1)
-    still = Starts(*(np.zeros((count, n)) for n in (model.nq, model.nv, model.na)), time)
+    still = InitialStates(*(np.zeros((count, n)) for n in (model.nq, model.nv, model.na)), time)
     return (
         Engine(model, 1)
         .rollout(
-            starts=still,
+            initial=still,
             controls=np.zeros((count, 100, model.nu)),
             forces=[effect.force(values, model.opt.timestep, **log)],
             keep=Keep(states=True),

@@ -46,11 +46,11 @@ def model(
 ) -> PredictingModel:
     """At `point`, its windows begun as they were read off; hidden: the states of effects that they begin with."""
     states = sum(len(e.states) for _, e in effects)
-    own = np.zeros_like(prepared.starts.sd)
-    offsets = np.concatenate([own, np.full((len(own), states), hidden or 0.0)], axis=1)
+    own = np.zeros_like(prepared.initial.sd)
+    corrections = np.concatenate([own, np.full((len(own), states), hidden or 0.0)], axis=1)
     values = prepared.task.space.to_vector(point)
     point = np.concatenate([values, *([p.high for p in e.parameters] for _, e in effects)])
-    return PredictingModel("model", tuple(effects), point, offsets)
+    return PredictingModel("model", tuple(effects), point, corrections)
 
 
 def errors(prepared: PreparedLog, predicting: PredictingModel, threads: int = 1) -> dict:

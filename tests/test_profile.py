@@ -38,10 +38,10 @@ class Log:
         measured = (simulate(*truth) + noise)[..., None]
         mask = np.ones_like(measured, dtype=bool)
         data = Data(space, measured, mask, np.array([NOISE]), np.ones((windows, 0)))
-        x, offsets = np.array(at), np.zeros((windows, 0))
+        x, corrections = np.array(at), np.zeros((windows, 0))
         for _ in range(4):
-            trial = columns(data, x, offsets)
-            self.at = Linearization.from_columns(data, x, offsets, *self.evaluate(trial))
+            trial = columns(data, x, corrections)
+            self.at = Linearization.from_columns(data, x, corrections, *self.evaluate(trial))
             x = np.clip(x + self.at.whole_step, 0, 1)
         self.intervals = intervals(self.at)
         self.count = 0

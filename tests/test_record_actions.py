@@ -71,8 +71,8 @@ def test_a_log_says_whether_episodes_begin_as_acted(recorded):
     assert not begins_as_acted(prepare(replace(made.log, outputs=elsewhere), task))
     acted = as_acted(prepared)
     begins = prepared.windows.elapsed == 0
-    assert (acted.starts.sd[begins] == 0).all()
-    np.testing.assert_array_equal(acted.starts.sd[~begins], prepared.starts.sd[~begins])
+    assert (acted.initial.sd[begins] == 0).all()
+    np.testing.assert_array_equal(acted.initial.sd[~begins], prepared.initial.sd[~begins])
 
 
 def test_a_log_does_not_say_what_is_true(tmp_path):
@@ -110,12 +110,12 @@ def test_episodes_start_where_their_action_says(recorded):
     task = load_task("air-hockey")
     log = MeasuredLog.read(folder / "log.zarr")
     prepared = prepare(log, task, window=2.0)
-    known = task.episodes(log.actions).starts
-    np.testing.assert_array_equal(prepared.starts.starts.qpos, known.qpos)
-    np.testing.assert_array_equal(prepared.starts.starts.qvel, 0)
-    np.testing.assert_array_equal(prepared.starts.sd[0] > 0, [1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0])
+    known = task.episodes(log.actions).initial
+    np.testing.assert_array_equal(prepared.initial.states.qpos, known.qpos)
+    np.testing.assert_array_equal(prepared.initial.states.qvel, 0)
+    np.testing.assert_array_equal(prepared.initial.sd[0] > 0, [1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0])
     cut = prepare(log, task, window=0.5)  # windows that begin in mid-episode are read off the log
-    assert np.all(cut.starts.sd[:, :2] > 0)
+    assert np.all(cut.initial.sd[:, :2] > 0)
 
 
 def test_identify_recovers_the_planted_parameters(recorded, tmp_path, without_pages):

@@ -126,7 +126,7 @@ def test_what_falls_on_and_on_is_no_noise():
 def test_leverages_add_up_to_the_numbers_that_starts_amount_to(slider_task, tmp_path):
     prepared = sliding(slider_task, tmp_path)
     _, fit = fitted(prepared)
-    assert fit.at.leverage.sum() == pytest.approx(fit.at.fitted_starts)
+    assert fit.at.leverage.sum() == pytest.approx(fit.at.fitted_initial)
     assert (fit.at.leverage >= 0).all() and (fit.at.leverage < 1).all()
 
 

@@ -31,8 +31,10 @@ def linearized(simulate, at: float, truth: float, starts: int = 0, seed: int = 3
         outputs = np.stack([simulate(p[0]) for p in trial.parameters])[:, None, :, None]
         return outputs, np.zeros((len(trial), 1), dtype=bool)
 
-    x, offsets = np.array([at]), np.zeros((1, starts))
-    return Linearization.from_columns(data, x, offsets, *evaluate(columns(data, x, offsets))), evaluate
+    x, corrections = np.array([at]), np.zeros((1, starts))
+    return Linearization.from_columns(
+        data, x, corrections, *evaluate(columns(data, x, corrections))
+    ), evaluate
 
 
 def ramp(com: float) -> np.ndarray:
@@ -71,8 +73,8 @@ def test_two_parameters_that_are_nearly_one_are_compared_along_their_ridge(ratio
         outputs = straight + straight**3 / sd**2
         return outputs[:, None, :, None], np.zeros((len(trial), 1), dtype=bool)
 
-    x, offsets = np.full(2, 0.5), np.zeros((1, 0))
-    at = Linearization.from_columns(data, x, offsets, *evaluate(columns(data, x, offsets)))
+    x, corrections = np.full(2, 0.5), np.zeros((1, 0))
+    at = Linearization.from_columns(data, x, corrections, *evaluate(columns(data, x, corrections)))
     covariance, _ = unit_covariance(at)
     assert abs(covariance[0, 1]) > 0.99 * np.sqrt(np.diag(covariance).prod())
     assert not is_rough(at, covariance, evaluate)
@@ -84,8 +86,8 @@ def test_where_starts_are_fitted_the_curvature_is_all_there_is():
     at, evaluate = linearized(rod, at=0.5999, truth=0.57, starts=3)
     covariance, _ = unit_covariance(at)
     assert is_rough(at, covariance, evaluate)
-    ways = np.random.default_rng(0).standard_normal(at.by_start.shape)
-    assert not is_rough(replace(at, by_start=ways), covariance, evaluate)
+    ways = np.random.default_rng(0).standard_normal(at.by_initial.shape)
+    assert not is_rough(replace(at, by_initial=ways), covariance, evaluate)
 
 
 @pytest.mark.parametrize("at", [0.58, 0.5999])
@@ -146,7 +148,7 @@ def test_at_a_bound_the_posterior_is_cut_and_not_heaped_up(off):
             outputs = np.stack([shifted(p[0]) for p in trial.parameters])[:, None, :, None]
             return outputs, np.zeros((len(trial), 1), dtype=bool)
 
-        x, offsets = np.array([max(centre, 0.0)]), np.zeros((1, 0))
-        at = Linearization.from_columns(data, x, offsets, *evaluate(columns(data, x, offsets)))
+        x, corrections = np.array([max(centre, 0.0)]), np.zeros((1, 0))
+        at = Linearization.from_columns(data, x, corrections, *evaluate(columns(data, x, corrections)))
         means.append(sampled_posterior(at, np.array([[sd**2]]), evaluate, seed).mean[0])
     assert np.mean(means) == pytest.approx(truth.mean(), abs=0.1 * truth.std())

@@ -39,7 +39,7 @@ def test_same_trajectories_as_the_plant(com, scoop_point):
     fields = ModelFields(task.model, 1)
     task.write(fields, np.array([[com]]))
     plant = Engine(task.model).rollout(
-        starts=episode.starts, controls=episode.inputs[:, : task.grid_steps], fields=fields
+        initial=episode.initial, controls=episode.inputs[:, : task.grid_steps], fields=fields
     )
     scene = make(com, scoop_point, driven_by="servos", control_freq=500)
     for step in range(task.grid_steps):

@@ -23,7 +23,7 @@ from capture_cli.model import effects
 from capture_cli.model.effects.companion import companion_module
 from capture_cli.model.effects.servo_integral import IntegralTerm, ServoIntegral
 from capture_cli.model.fields import ModelFields
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
 from capture_cli.select.candidates import Candidate, all_candidates, score_at_null
@@ -217,9 +217,9 @@ SERVO = """
 def stepped(model: mujoco.MjModel, ki: float, limit: float, steps: int, start: float = 0.0) -> np.ndarray:
     """Position and actuator force (step, 2) after a step of the set point to 0.1 m."""
     effect = effects.REGISTRY.get("servo-integral")(model, "servo")
-    starts = Starts(np.full((1, 1), start), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
+    initial = InitialStates(np.full((1, 1), start), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
     tape = np.full((1, steps, 1), 0.1)
-    return run(model, (effect, np.array([[ki, limit]])), tape=tape, starts=starts)[0][0]
+    return run(model, (effect, np.array([[ki, limit]])), tape=tape, initial=initial)[0][0]
 
 
 def test_it_takes_a_constant_load_until_it_is_at_its_limit():
@@ -247,11 +247,11 @@ def test_a_gear_that_is_open_is_the_effect_s_own_as_well(effect_of):
     values = away(cls(true, site), 0.2)
     fields = ModelFields(believed, 1)
     fields["actuator_gear"][:, 0, 0] = 2.0
-    start = Starts(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
+    start = InitialStates(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
     simulated = [
         Engine(m, 1)
         .rollout(
-            starts=start,
+            initial=start,
             controls=tape[None, :, None],
             fields=f,
             forces=[e.force(values[None], 0.001)],

@@ -402,10 +402,10 @@ def test_a_window_far_from_every_sample_is_not_sure_of_its_start(tmp_path):
     log, task = half_blind(tmp_path)
     prepared = prepare(MeasuredLog.read(log), load_task(str(task)))
     blind = prepared.windows.time > 3.2
-    angle, speed = (prepared.starts.sd[:, k] for k in (1, 3))
+    angle, speed = (prepared.initial.sd[:, k] for k in (1, 3))
     assert angle[blind].min() > 10 * angle[~blind].max()
     assert speed[blind].min() > speed[~blind].max()
-    assert np.isfinite(prepared.starts.sd).all()
+    assert np.isfinite(prepared.initial.sd).all()
 
 
 # --- what is refused ---

@@ -15,7 +15,7 @@ from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects._scales import control_scale
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.diagnose import diagnose
@@ -133,10 +133,10 @@ def test_hidden_states_are_there_too(tmp_path, monkeypatch):
         task, [(effect["name"], REGISTRY.get(effect["name"])(task.model, effect["site"]))], 1
     )
     point = [p["value"] for p in [*found.document["parameters"].values(), *effect["parameters"].values()]]
-    starts = Starts(*(arrays[f"window/start_{n}"] for n in ("qpos", "qvel", "act", "time")))
+    initial = InitialStates(*(arrays[f"window/start_{n}"] for n in ("qpos", "qvel", "act", "time")))
     own = np.zeros((len(windows), 2 * task.model.nv + task.model.na))
-    offsets = np.concatenate([own, arrays["window/start_hidden"]], axis=1)
-    again = simulator.simulate(windows, starts, np.array(point), offsets[None]).outputs[0][windows.mask]
+    corrections = np.concatenate([own, arrays["window/start_hidden"]], axis=1)
+    again = simulator.simulate(windows, initial, np.array(point), corrections[None]).outputs[0][windows.mask]
     np.testing.assert_allclose(again, arrays["step/after"], atol=1e-9)
     assert np.abs(arrays["window/start_hidden"]).max() > 0
 

@@ -8,18 +8,18 @@ import pytest
 
 from capture_cli.estimate.initial_states.from_outputs import SETTINGS as FROM_OUTPUTS
 from capture_cli.estimate.initial_states.from_outputs import (
+    InitialStateEstimate,
     Places,
-    StartEstimate,
-    estimate_starts,
+    estimated_initial_states,
     from_episodes,
-    known_starts,
-    model_starts,
+    known_initial,
+    model_initial_states,
 )
 from capture_cli.estimate.initial_states.local_motion import Neighbours, local_motion
 from capture_cli.log.arrays import Log
 from capture_cli.model import effects
 from capture_cli.model.coordinate_sources import measures_every_coordinate, sources_of, unmeasured_joints
-from capture_cli.model.states import Starts, offsets_between, shift
+from capture_cli.model.states import InitialStates, corrections_between, shift
 from capture_cli.simulate.engine import Engine, Keep, Rollouts
 
 # A carriage on a spring, a pendulum on a ball joint, and a body that flies: every kind of coordinate.
@@ -58,10 +58,10 @@ def model() -> mujoco.MjModel:
 def motion(model):
     """One episode in which everything moves: time (step,), and the true rollout at those samples."""
     random = np.random.default_rng(3)
-    start = Starts(
+    start = InitialStates(
         model.qpos0[None] + 0.0, random.normal(0, 1.0, (1, model.nv)), np.zeros((1, 0)), np.zeros(1)
     )
-    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), keep=Keep(states=True))
+    done = Engine(model, 1).rollout(initial=start, controls=np.zeros((1, STEPS, 0)), keep=Keep(states=True))
     sampled = slice(None, None, EVERY)
     return (
         model.opt.timestep * np.arange(STEPS)[sampled],
@@ -79,8 +79,8 @@ def columns(model, *names: str) -> np.ndarray:
 
 def estimate(
     model, motion, names, noise: float, first=None, sampled=None, **options
-) -> tuple[StartEstimate, np.ndarray]:
-    """Starts of windows that begin at the steps `first`, from noisy outputs, and their true tangent error."""
+) -> tuple[InitialStateEstimate, np.ndarray]:
+    """Initial states of windows that begin at the steps `first`, from noisy outputs, and their true tangent error."""
     time, sensors, qpos, qvel = motion
     first = np.arange(0, len(time) - 60, 30) if first is None else first
     data = columns(model, *names)
@@ -88,11 +88,11 @@ def estimate(
     outputs = outputs if sampled is None else np.where(sampled, outputs, 1e3)
     log = Log(time, outputs, [slice(0, len(time))], sampled=sampled)
     places = Places(log, first, np.zeros(len(first), dtype=int))
-    found = estimate_starts(model, data, places, np.full(len(data), max(noise, 1e-9)), **options)
+    found = estimated_initial_states(model, data, places, np.full(len(data), max(noise, 1e-9)), **options)
     error = np.zeros((len(first), 2 * model.nv))
     for row, step in enumerate(first):
-        mujoco.mj_differentiatePos(model, error[row, : model.nv], 1.0, qpos[step], found.starts.qpos[row])
-        error[row, model.nv :] = found.starts.qvel[row] - qvel[step]
+        mujoco.mj_differentiatePos(model, error[row, : model.nv], 1.0, qpos[step], found.states.qpos[row])
+        error[row, model.nv :] = found.states.qvel[row] - qvel[step]
     return found, error
 
 
@@ -108,8 +108,11 @@ def test_errors_are_within_the_standard_deviation_and_that_is_not_idle(model, mo
 
 def test_an_attitude_is_known_alike_about_every_axis(model):
     """Near level w has no noise to speak of, and x, y and z half of the rotation's each."""
-    found = known_starts(
-        model, columns(model, "how"), model_starts(model, 2).starts, np.array([1e-6, 1e-3, 1e-3, 1e-3])
+    found = known_initial(
+        model,
+        columns(model, "how"),
+        model_initial_states(model, 2).states,
+        np.array([1e-6, 1e-3, 1e-3, 1e-3]),
     )
     flyer = slice(7, 10)
     np.testing.assert_allclose(found.sd[:, flyer], FROM_OUTPUTS.prior_inflation * 2e-3, rtol=1e-6)
@@ -148,8 +151,8 @@ def test_runge_kutta_has_no_such_lag():
           <sensor><jointpos name="x" joint="x"/></sensor>
         </mujoco>""")
     time = spring.opt.timestep * np.arange(STEPS)
-    start = Starts(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
-    done = Engine(spring, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), keep=Keep(states=True))
+    start = InitialStates(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
+    done = Engine(spring, 1).rollout(initial=start, controls=np.zeros((1, STEPS, 0)), keep=Keep(states=True))
     _, error = estimate(spring, (time, done.sensors[0], done.qpos[0], done.qvel[0]), ("x",), noise=0.0)
     assert np.abs(error).max() < 1e-4  # of 6 m/s
 
@@ -188,7 +191,7 @@ def test_starts_by_a_slow_sensor_are_as_well_known_as_they_say(model, motion, ev
         )[0],
     )
     for name in ("qpos", "qvel"):
-        np.testing.assert_allclose(getattr(some.starts, name), getattr(whole.starts, name), atol=1e-9)
+        np.testing.assert_allclose(getattr(some.states, name), getattr(whole.states, name), atol=1e-9)
     np.testing.assert_allclose(some.sd, whole.sd, rtol=1e-6)
 
 
@@ -238,7 +241,7 @@ def test_a_velocity_that_is_cut_off_is_left_open(model, motion):
 
 def test_quaternions_are_unit_even_where_the_log_rounds_them(model, motion):
     found, _ = estimate(model, motion, ALL, noise=5e-3)
-    for part in (found.starts.qpos[:, 1:5], found.starts.qpos[:, 8:12]):
+    for part in (found.states.qpos[:, 1:5], found.states.qpos[:, 8:12]):
         np.testing.assert_allclose(np.linalg.norm(part, axis=1), 1, rtol=1e-12)
 
 
@@ -268,7 +271,7 @@ def test_an_attitude_may_turn_by_more_than_half_a_turn_within_reach(turned):
         mujoco.mj_forward(model, data)
         outputs.append(data.sensordata.copy())
     outputs = np.array(outputs) + 2e-3 * np.random.default_rng(0).standard_normal((60, 4))
-    found = estimate_starts(
+    found = estimated_initial_states(
         model,
         range(4),
         Places(
@@ -278,8 +281,8 @@ def test_an_attitude_may_turn_by_more_than_half_a_turn_within_reach(turned):
         ),
         np.full(4, 2e-3),
     )
-    assert (np.abs(found.starts.qvel[:, 3:] - rate) < found.sd[:, 9:]).all()
-    assert np.linalg.norm(found.starts.qvel[1, 3:] - rate) < 0.02 * np.linalg.norm(rate)
+    assert (np.abs(found.states.qvel[:, 3:] - rate) < found.sd[:, 9:]).all()
+    assert np.linalg.norm(found.states.qvel[1, 3:] - rate) < 0.02 * np.linalg.norm(rate)
 
 
 TUMBLING = """
@@ -299,9 +302,9 @@ def test_the_turning_of_a_tumbling_body_is_known_at_both_ends_of_an_episode(spin
     model = mujoco.MjModel.from_xml_string(TUMBLING)
     generator = np.random.default_rng(2)
     axes = generator.normal(size=(6, 3))
-    start = model_starts(model, 6).starts
+    start = model_initial_states(model, 6).states
     start.qvel[:, 3:] = spin * axes / np.linalg.norm(axes, axis=1, keepdims=True)
-    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((6, 1000, 0)), keep=Keep(states=True))
+    done = Engine(model, 1).rollout(initial=start, controls=np.zeros((6, 1000, 0)), keep=Keep(states=True))
     for sensors, qpos, qvel in zip(
         *(a[:, :1000:20] for a in (done.sensors, done.qpos, done.qvel)), strict=True
     ):
@@ -318,9 +321,9 @@ def test_the_turning_of_a_tumbling_body_is_known_at_both_ends_of_an_episode(spin
 def test_a_turning_is_not_followed_across_a_gap():
     """20 rad/s: 3.6 rad in nine intervals, which might be -2.7."""
     body = mujoco.MjModel.from_xml_string(TUMBLING)
-    start = model_starts(body, 1).starts
+    start = model_initial_states(body, 1).states
     start.qvel[:, 3:] = [12.0, 12.0, 11.0]
-    done = Engine(body, 1).rollout(starts=start, controls=np.zeros((1, 1000, 0)), keep=Keep(states=True))
+    done = Engine(body, 1).rollout(initial=start, controls=np.zeros((1, 1000, 0)), keep=Keep(states=True))
     kept = np.r_[0:200:20, 380:1000:20]
     motion = (0.001 * kept, *(a[0, kept] for a in (done.sensors, done.qpos, done.qvel)))
     found, error = estimate(body, motion, ("how",), noise=1e-3, first=np.array([7, 9, 10, 12]))
@@ -331,14 +334,14 @@ def test_a_turning_is_not_followed_across_a_gap():
 def test_the_clock_begins_where_the_log_does(model, motion):
     time, *rest = motion
     found, _ = estimate(model, (time + 1234.5, *rest), ALL, noise=1e-3, first=np.array([0, 50]))
-    np.testing.assert_array_equal(found.starts.time, time[[0, 50]] + 1234.5)
+    np.testing.assert_array_equal(found.states.time, time[[0, 50]] + 1234.5)
 
 
 @pytest.mark.parametrize("samples", [2, 5])
 def test_too_few_samples_to_differentiate_leave_the_velocity_open(model, motion, samples):
     short = tuple(part[:samples] for part in motion)
     found, _ = estimate(model, short, ("x",), noise=1e-3, first=np.array([0]))
-    assert found.starts.qvel[0, 0] == 0
+    assert found.states.qvel[0, 0] == 0
     assert found.sd[0, model.nv] >= 10
 
 
@@ -394,8 +397,8 @@ def gyros() -> tuple[mujoco.MjModel, tuple]:
     """Gyroscopes on all that turns, and a motion of it as `motion` has it."""
     model = mujoco.MjModel.from_xml_string(GYROS)
     speed = np.random.default_rng(5).normal(0, 2.0, (1, model.nv))
-    start = Starts(model.qpos0[None] + 0.0, speed, np.zeros((1, 0)), np.zeros(1))
-    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), keep=Keep(states=True))
+    start = InitialStates(model.qpos0[None] + 0.0, speed, np.zeros((1, 0)), np.zeros(1))
+    done = Engine(model, 1).rollout(initial=start, controls=np.zeros((1, STEPS, 0)), keep=Keep(states=True))
     return model, (model.opt.timestep * np.arange(STEPS), done.sensors[0], done.qpos[0], done.qvel[0])
 
 
@@ -432,10 +435,10 @@ def test_a_corrected_gyroscope_moves_the_turning_and_not_the_attitude_beside_it(
     found, before = estimate(model, (time, seen, qpos, qvel), ("own", "how"), noise=0.0, first=first)
     late = effect.lateness(values) * np.ones((3, model.nsensordata))
     true = effect.true_motion(found.reported.at(late.max() - late), values)
-    starts = shift(model, found.starts, found.reported.start_change(true, 2 * nv))
+    initial = shift(model, found.states, found.reported.initial_change(true, 2 * nv))
     at = first - round(late.max() / interval)
-    error = np.abs(starts.qvel - qvel[at])[:, 3:6]
-    np.testing.assert_allclose(starts.qpos[:, 3:7], qpos[at, 3:7], atol=1e-4)
+    error = np.abs(initial.qvel - qvel[at])[:, 3:6]
+    np.testing.assert_allclose(initial.qpos[:, 3:7], qpos[at, 3:7], atol=1e-4)
     assert error.max() < 2e-3 < 0.02 < np.abs(before[:, nv + 3 : nv + 6]).max()
 
 
@@ -466,8 +469,10 @@ PLATE = """
 
 def test_a_camera_gives_the_slides_that_carry_a_point():
     plate = mujoco.MjModel.from_xml_string(PLATE)
-    begin = Starts(np.array([[0.1, 0.25, 0.3]]), np.array([[0.2, -0.4, 1.0]]), np.zeros((1, 0)), np.zeros(1))
-    done = Engine(plate, 1).rollout(starts=begin, controls=np.zeros((1, 600, 0)), keep=Keep(states=True))
+    begin = InitialStates(
+        np.array([[0.1, 0.25, 0.3]]), np.array([[0.2, -0.4, 1.0]]), np.zeros((1, 0)), np.zeros(1)
+    )
+    done = Engine(plate, 1).rollout(initial=begin, controls=np.zeros((1, 600, 0)), keep=Keep(states=True))
     data = columns(plate, "turn", "marker")
     assert measures_every_coordinate(plate, data)
     outputs, first = done.sensors[0][:, data], np.arange(100, 500, 50)
@@ -475,14 +480,14 @@ def test_a_camera_gives_the_slides_that_carry_a_point():
         np.testing.assert_allclose(
             source.of(outputs[:, source.columns]), done.qpos[0][:, source.qpos], atol=1e-12
         )
-    found = estimate_starts(
+    found = estimated_initial_states(
         plate,
         data,
         Places(Log(0.002 * np.arange(600), outputs, [slice(0, 600)]), first, np.zeros(len(first), dtype=int)),
         np.full(4, 1e-5),
     )
-    np.testing.assert_allclose(found.starts.qpos, done.qpos[0, first], atol=1e-4)
-    np.testing.assert_allclose(found.starts.qvel, done.qvel[0, first], atol=5e-3)
+    np.testing.assert_allclose(found.states.qpos, done.qpos[0, first], atol=1e-4)
+    np.testing.assert_allclose(found.states.qvel, done.qvel[0, first], atol=5e-3)
     turned = columns(plate, "turn", "corner")
     assert unmeasured_joints(plate, turned) == ["x", "y"], "the hinge moves the corner, too"
 
@@ -514,9 +519,9 @@ def test_a_corrected_attitude_of_a_carried_frame_moves_the_joint(gyros):
     seen = effect.measure(sensors[None], values[:1], time[1] - time[0])[0]
     found, _ = estimate(model, (time, seen, qpos, qvel), ("imu",), noise=0.0, first=first)
     true = effect.true_motion(found.reported.derivatives, values)
-    starts = shift(model, found.starts, found.reported.start_change(true, 2 * nv))
-    np.testing.assert_allclose(starts.qpos[:, 9:13], qpos[first, 9:13], atol=1e-4)
-    assert np.abs(starts.qvel - qvel[first])[:, 8:11].max() < 2e-3
+    initial = shift(model, found.states, found.reported.initial_change(true, 2 * nv))
+    np.testing.assert_allclose(initial.qpos[:, 9:13], qpos[first, 9:13], atol=1e-4)
+    assert np.abs(initial.qvel - qvel[first])[:, 8:11].max() < 2e-3
 
 
 # --- what no output measures ---
@@ -524,7 +529,7 @@ def test_a_corrected_attitude_of_a_carried_frame_moves_the_joint(gyros):
 
 def test_unmeasured_coordinates_stay_at_the_models_start(model, motion):
     found, _ = estimate(model, motion, ("x",), noise=1e-3)
-    np.testing.assert_array_equal(found.starts.qpos[:, 1:], np.tile(model.qpos0[1:], (len(found.sd), 1)))
+    np.testing.assert_array_equal(found.states.qpos[:, 1:], np.tile(model.qpos0[1:], (len(found.sd), 1)))
     assert (found.sd[:, 1 : model.nv] == 0).all()
     assert (found.sd[:, 0] > 0).all()
     assert (found.sd[:, model.nv] > 0).all()
@@ -590,17 +595,17 @@ DIFFERENTIAL = """
 def test_gears_and_tendons_are_solved_for_the_joints_they_move(names):
     gears = mujoco.MjModel.from_xml_string(DIFFERENTIAL)
     random = np.random.default_rng(5)
-    begin = Starts(
+    begin = InitialStates(
         random.normal(0, 0.3, (1, 3)), random.normal(0, 1.0, (1, 3)), np.zeros((1, 0)), np.zeros(1)
     )
-    done = Engine(gears, 1).rollout(starts=begin, controls=np.zeros((1, 1000, 2)), keep=Keep(states=True))
+    done = Engine(gears, 1).rollout(initial=begin, controls=np.zeros((1, 1000, 2)), keep=Keep(states=True))
     data = columns(gears, *names)
     assert measures_every_coordinate(gears, data)
     assert unmeasured_joints(gears, data) == []
     noise = np.array([20e-4 if name in ("m", "turning") else 1e-4 for name in names])
     outputs = done.sensors[0][:, data] + noise * random.standard_normal((1000, len(data)))
     first = np.arange(100, 900, 50)
-    found = estimate_starts(
+    found = estimated_initial_states(
         gears,
         data,
         Places(
@@ -610,15 +615,15 @@ def test_gears_and_tendons_are_solved_for_the_joints_they_move(names):
         ),
         noise,
     )
-    off = np.hstack([found.starts.qpos - done.qpos[0, first], found.starts.qvel - done.qvel[0, first]])
+    off = np.hstack([found.states.qpos - done.qpos[0, first], found.states.qvel - done.qvel[0, first]])
     assert (found.sd[:, :3] < 20 * 1e-4).all() and (found.sd[:, 3:] < 0.5).all()
     assert (np.abs(off) < found.sd).all()
-    # what an effect of a sensor changes in its numbers changes the starts that were read off them
+    # what an effect of a sensor changes in its numbers changes the initial states that were read off them
     derivatives = found.reported.derivatives.copy()
     true = derivatives.copy()
     scale = data[names.index("m")]
     true[:, :, scale] *= 1.1
-    change = found.reported.start_change(true, 6)
+    change = found.reported.initial_change(true, 6)
     share = -0.1 * derivatives[:, 0, scale] / 20
     np.testing.assert_allclose(change[:, :3], share[:, None] * [0, 0.5, -0.5 / 0.8], atol=1e-12)
 
@@ -640,16 +645,16 @@ def test_the_models_start_is_its_first_keyframe():
     keyed = mujoco.MjModel.from_xml_string(
         XML.replace("</mujoco>", '<keyframe><key qvel="1 2 3 4 5 6 7 8 9 10"/></keyframe></mujoco>')
     )
-    found = model_starts(keyed, 3)
-    assert found.starts.qvel.tolist() == [[1, 2, 3, 4, 5, 6, 7, 8, 9, 10]] * 3
+    found = model_initial_states(keyed, 3)
+    assert found.states.qvel.tolist() == [[1, 2, 3, 4, 5, 6, 7, 8, 9, 10]] * 3
     assert (found.sd == 0).all()
 
 
 def test_shift_moves_quaternions_by_a_rotation(model):
-    start = model_starts(model, 2).starts
-    offsets = np.zeros((2, 2 * model.nv))
-    offsets[1, [0, 3, model.nv]] = [0.25, np.pi / 2, -1.0]
-    moved = shift(model, start, offsets)
+    start = model_initial_states(model, 2).states
+    corrections = np.zeros((2, 2 * model.nv))
+    corrections[1, [0, 3, model.nv]] = [0.25, np.pi / 2, -1.0]
+    moved = shift(model, start, corrections)
     np.testing.assert_array_equal(moved.qpos[0], start.qpos[0])
     assert moved.qpos[1, 0] == 0.25
     np.testing.assert_allclose(moved.qpos[1, 1:5], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-12)
@@ -657,9 +662,9 @@ def test_shift_moves_quaternions_by_a_rotation(model):
 
 
 def test_offsets_between_starts_lead_from_one_to_the_other(model):
-    begin = model_starts(model, 3).starts
+    begin = model_initial_states(model, 3).states
     end = shift(model, begin, np.random.default_rng(5).normal(scale=0.4, size=(3, 2 * model.nv + model.na)))
-    there = shift(model, begin, offsets_between(model, begin, end))
+    there = shift(model, begin, corrections_between(model, begin, end))
     for name in ("qpos", "qvel", "act"):
         assert getattr(there, name) == pytest.approx(getattr(end, name), abs=1e-12)
 
@@ -675,13 +680,13 @@ def test_a_corrected_report_moves_the_coordinates_that_were_read_off_it(model, m
         true[:, 0, x] += 0.5
         true[:, 1, x] += 0.25
         true[:, 0, v] += 0.125
-        change = reported.start_change(true, 2 * nv)
+        change = reported.initial_change(true, 2 * nv)
         expected = np.zeros((len(change), 2 * nv))
         expected[:, 0] = 0.5
         expected[:, nv] = 0.25 if moves_velocity else 0.125
         np.testing.assert_allclose(change, expected)
-        assert not reported.start_change(reported.derivatives, 2 * nv).any()
-        finer = reported.start_change(reported.derivatives, 2 * nv, substeps=4)
+        assert not reported.initial_change(reported.derivatives, 2 * nv).any()
+        finer = reported.initial_change(reported.derivatives, 2 * nv, substeps=4)
         lag_less = 0.75 * 0.5 * model.opt.timestep  # a quarter of the step lags a quarter as much
         expected[:, 0] = 0.0
         expected[:, nv] = lag_less * reported.derivatives[:, 2, x] if moves_velocity else 0.0
@@ -699,24 +704,24 @@ def test_a_corrected_report_moves_the_coordinates_that_were_read_off_it(model, m
     ],
 )
 def test_a_corrected_attitude_moves_orientation_and_turning(model, motion, sensor, name, values):
-    """Starts that were read off an attitude that is reported turned, or late, come to where they were."""
+    """Initial states that were read off an attitude that is reported turned, or late, come to where they were."""
     time, sensors, qpos, qvel = motion
     nv, interval, first = model.nv, time[1] - time[0], np.array([40, 90, 140])
     effect, values = effects.REGISTRY.get(name)(model, sensor), np.tile(values, (3, 1))
     seen = effect.measure(sensors[None], values[:1], interval)[0]
     found, before = estimate(model, (time, seen, qpos, qvel), ALL, noise=0.0, first=first)
-    # starts are of a time as much earlier as this sensor is late, when the others reported other numbers
+    # initial states are of a time as much earlier as this sensor is late, when the others reported other numbers
     late = effect.lateness(values) * np.ones((3, model.nsensordata))
     true = effect.true_motion(found.reported.at(late.max() - late), values)
-    starts = shift(model, found.starts, found.reported.start_change(true, 2 * nv))
+    initial = shift(model, found.states, found.reported.initial_change(true, 2 * nv))
     at = first - round(late.max() / interval)
-    error = starts.qvel - qvel[at]
+    error = initial.qvel - qvel[at]
     for row, step in enumerate(at):
         apart = np.zeros(nv)
-        mujoco.mj_differentiatePos(model, apart, 1.0, qpos[step], starts.qpos[row])
+        mujoco.mj_differentiatePos(model, apart, 1.0, qpos[step], initial.qpos[row])
         error[row] = np.maximum(np.abs(error[row]), np.abs(apart))
     assert error.max() < 2e-3 < 0.02 < np.abs(before).max()
-    assert not found.reported.start_change(found.reported.derivatives, 2 * nv).any()
+    assert not found.reported.initial_change(found.reported.derivatives, 2 * nv).any()
 
 
 def test_the_path_before_a_start_is_that_of_the_log(model, motion):

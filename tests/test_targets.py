@@ -14,7 +14,7 @@ from capture_cli.errors import ModelError
 from capture_cli.model.fields import ModelFields, model_field
 from capture_cli.model.mjcf import mjcf_writer as mjcf
 from capture_cli.model.mjcf.mjcf_writer import to_mjcf
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.target_attributes import ATTRIBUTES
 from capture_cli.model.target_names import parse_target
 from capture_cli.model.targets import damping_ratio, restitution
@@ -213,9 +213,11 @@ def numbers(model: mujoco.MjModel) -> dict[str, np.ndarray]:
 
 def path_of(model: mujoco.MjModel, fields: ModelFields | None = None) -> np.ndarray:
     """Sensors (step, sensordata) of a short motion in which everything moves."""
-    start = Starts(model.qpos0[None], np.full((1, model.nv), 0.3), np.zeros((1, model.na)), np.zeros(1))
+    start = InitialStates(
+        model.qpos0[None], np.full((1, model.nv), 0.3), np.zeros((1, model.na)), np.zeros(1)
+    )
     controls = np.sin(np.arange(300)[None, :, None] / 20) * np.ones(model.nu)
-    done = Engine(model, 1).rollout(starts=start, controls=controls, fields=fields)
+    done = Engine(model, 1).rollout(initial=start, controls=controls, fields=fields)
     assert not done.diverged.any()
     return done.sensors[0]
 
@@ -486,9 +488,9 @@ def test_a_ball_bounces_with_the_restitution_that_was_set(value):
     fields = ModelFields(bouncing, 1)
     for geom in ("floor", "ball"):
         parse_target(f"geom:{geom}:restitution", bouncing, "here").write(fields, np.array([value]))
-    start = Starts(np.zeros((1, 1)), np.full((1, 1), -0.5), np.zeros((1, 0)), np.zeros(1))
+    start = InitialStates(np.zeros((1, 1)), np.full((1, 1), -0.5), np.zeros((1, 0)), np.zeros(1))
     done = Engine(bouncing, 1).rollout(
-        starts=start, controls=np.zeros((1, 1500, 0)), fields=fields, keep=Keep(states=True)
+        initial=start, controls=np.zeros((1, 1500, 0)), fields=fields, keep=Keep(states=True)
     )
     assert done.qvel[0, -1, 0] / 0.5 == pytest.approx(value, abs=0.01)
 

@@ -14,7 +14,7 @@ from capture_cli.log.checks.wide_bounds import wide_bounds
 from capture_cli.model.effects.com_shift import ComShift
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.mjcf.mjcf_writer import to_mjcf
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
 from capture_cli.simulate.engine import Engine
 
@@ -520,8 +520,8 @@ def test_the_centre_of_mass_of_a_simple_body_can_be_moved_and_is_exported(tmp_pa
         ComShift(task.model, "box").write(fields, np.array([[0.03, 0, 0]]))
     else:
         task.write(fields, np.array([[0.03, 0.01]]))
-    start = Starts(task.model.qpos0[None], np.ones((1, task.model.nv)), np.zeros((1, 0)), np.zeros(1))
-    options = {"starts": start, "controls": np.zeros((1, 300, 0))}
+    start = InitialStates(task.model.qpos0[None], np.ones((1, task.model.nv)), np.zeros((1, 0)), np.zeros(1))
+    options = {"initial": start, "controls": np.zeros((1, 300, 0))}
     found = Engine(task.model, 1).rollout(**options, fields=fields).sensors
     (tmp_path / "out.xml").write_text(to_mjcf(tmp_path / "box.xml", fields, tmp_path / "out.xml"))
     exported = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))

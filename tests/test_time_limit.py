@@ -50,10 +50,10 @@ class Clock:
         self.seconds = 0.0
         self.longest = 0  # of a simulation call: the clock is looked at before each
 
-    def rollout(self, engine: Engine, starts, *more, **options):
-        found = self.own(engine, starts, *more, **options)
-        self.seconds += len(starts)
-        self.longest = max(self.longest, len(starts))
+    def rollout(self, engine: Engine, initial, *more, **options):
+        found = self.own(engine, initial, *more, **options)
+        self.seconds += len(initial)
+        self.longest = max(self.longest, len(initial))
         return found
 
 
@@ -197,4 +197,4 @@ def test_where_another_search_is_stopped_what_was_found_before_stands(monkeypatc
     if stopped == "not at all":
         assert found.name == "free" and not found.left_out
     else:
-        assert found.name == "as acted" and found.left_out == ("minima", "a search with free starts")
+        assert found.name == "as acted" and found.left_out == ("minima", "a search with free initial states")

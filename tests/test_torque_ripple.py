@@ -9,7 +9,7 @@ from held_inputs import held_machine
 from machines import ARM, build, machine, run
 
 from capture_cli.model.effects import REGISTRY
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
@@ -50,8 +50,8 @@ def test_the_force_in_each_step_is_the_models_times_the_ripple_there(drive):
     if model.nu > 2:  # of a pid, the target speed
         tape[..., 1] = 12 * np.cos(3 * time)
     tape[..., -1] = 0.4
-    begin = Starts(np.zeros((1, 1)), np.full((1, 1), 12.0), np.zeros((1, model.na)), np.zeros(1))
-    sensors, _ = run(model, (effect, np.array([[0.3, -0.2, 1.1]])), tape=tape, starts=begin)
+    begin = InitialStates(np.zeros((1, 1)), np.full((1, 1), 12.0), np.zeros((1, model.na)), np.zeros(1))
+    sensors, _ = run(model, (effect, np.array([[0.3, -0.2, 1.1]])), tape=tape, initial=begin)
     turned, speed, given, other = sensors[0].T
     assert np.ptp(turned) > 2 * np.pi
     assert np.array_equal(other, tape[0, :, -1])

@@ -92,7 +92,9 @@ def trained(store, tmp_path_factory):
 
 
 def walk(checkpoint: Path, rounds: int = 6, pairs: int = 100):
-    """The error in the unit cube (pair, round, parameter), over new targets from random starts, and the walk."""
+    """The error in the unit cube (pair, round, parameter), over new targets from random initial states, and the
+    walk.
+    """
     found = load_identifier(checkpoint, SIGNATURE)
     generator = np.random.default_rng(7)
     target, start = (SIGNATURE.space.from_unit(generator.random((pairs, 2))) for _ in range(2))

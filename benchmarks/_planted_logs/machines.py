@@ -13,7 +13,7 @@ from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import cut
 from capture_cli.model.effects.base import Effect
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
 from capture_cli.simulate.multisine import multisine
@@ -68,7 +68,7 @@ class Experiment:
         self.time = np.tile(clock, episodes)
         self.episodes = [slice(i * steps, (i + 1) * steps) for i in range(episodes)]
         self.inputs = self._tapes(clock, generator)
-        self.starts = self._starts(machine, generator)
+        self.initial = self._starts(machine, generator)
         self.noise = self.noise_sd * generator.standard_normal((len(self.time), len(self.noise_sd)))
 
     def _tapes(self, clock: np.ndarray, generator: np.random.Generator) -> np.ndarray:
@@ -77,12 +77,12 @@ class Experiment:
         peaks = self.task.model.actuator_ctrlrange[actuators, 1]
         return np.concatenate([peaks * multisine(clock, len(peaks), BAND, generator) for _ in self.episodes])
 
-    def _starts(self, machine: Machine, generator: np.random.Generator) -> Starts:
+    def _starts(self, machine: Machine, generator: np.random.Generator) -> InitialStates:
         model, count = self.task.model, len(self.episodes)
         qpos, qvel = np.repeat(model.qpos0[None], count, axis=0), np.zeros((count, model.nv))
         for joint, (low, high) in machine.start_velocity.items():
             qvel[:, model.joint(joint).dofadr[0]] = generator.uniform(low, high, count)
-        return Starts(qpos, qvel, np.zeros((count, model.na)), np.zeros(count))
+        return InitialStates(qpos, qvel, np.zeros((count, model.na)), np.zeros(count))
 
     def outputs(self, planted: Sequence[tuple[Effect, np.ndarray]] = ()) -> np.ndarray | None:
         """What sensors without noise show, (step, output), with effects at their values (parameter,); None where the
@@ -92,7 +92,7 @@ class Experiment:
         whole = self.cut(np.zeros_like(self.noise), None)
         named = [(f"planted-{number}", effect) for number, (effect, _) in enumerate(planted)]
         simulator = Simulator(self.task, named, threads=1)
-        simulated = simulator.simulate(whole, self.starts, point[None], logged=True)
+        simulated = simulator.simulate(whole, self.initial, point[None], logged=True)
         return None if simulated.diverged.any() else simulated.outputs[0][whole.mask]
 
     def cut(self, outputs: np.ndarray, duration: float | None):

@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks._planted_logs.machines import Experiment
 from capture_cli.log.windows import Windows
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.simulate.simulator import Simulator
 
 WINDOW = 0.5  # s
@@ -68,36 +68,36 @@ class Refit:
         space = self.made.task.space
         if outputs is None:
             return Shown(np.inf, (np.inf,) * len(space))
-        windows, starts, share = self._windows(outputs)
+        windows, initial, share = self._windows(outputs)
         moved, point = np.zeros((len(windows), len(self.sd))), self.made.parameters
         best, shift, count = np.inf, np.zeros(len(space)), windows.mask.sum() * outputs.shape[1]
         for _ in range(ROUNDS):
-            residual, by_point, by_start = self._linearised(windows, starts, point, moved)
+            residual, by_point, by_initial = self._linearised(windows, initial, point, moved)
             squares = float((residual**2).sum())
             if squares < best:
                 taken = (1 - squares / best) if np.isfinite(best) else 1.0
-                sd = _standard_deviations(by_point, by_start) / np.sqrt(share)
+                sd = _standard_deviations(by_point, by_initial) / np.sqrt(share)
                 best, shift = squares, (point - self.made.parameters) / space.span / sd
                 if taken < SETTLED:
                     break
             bounds = ((space.low - point) / space.span, (space.high - point) / space.span)
-            step, moves = _step(residual, by_point, by_start, bounds)
+            step, moves = _step(residual, by_point, by_initial, bounds)
             moved, point = moved + moves, point + step * space.span
         return Shown(float(np.sqrt(best / count)), tuple(shift.tolist()))
 
-    def _windows(self, outputs: np.ndarray) -> tuple[Windows, Starts, float]:
+    def _windows(self, outputs: np.ndarray) -> tuple[Windows, InitialStates, float]:
         """Some windows, where they start, and how many times as many there are."""
         every = self.made.cut(outputs, WINDOW)
         windows = every.rows(np.unique(np.linspace(0, len(every) - 1, WINDOWS).astype(int)))
         return windows, self._starts(outputs, windows.first), len(every) / len(windows)
 
     def _residual(self, outputs: np.ndarray) -> np.ndarray:
-        """What starts that are a little off leave where nothing is missing, (window, step, output)."""
-        windows, starts, _ = self._windows(outputs)
-        outputs = self.simulator.simulate(windows, starts, self.made.parameters).outputs[0]
+        """What initial states that are a little off leave where nothing is missing, (window, step, output)."""
+        windows, initial, _ = self._windows(outputs)
+        outputs = self.simulator.simulate(windows, initial, self.made.parameters).outputs[0]
         return np.where(windows.mask[:, :, None], windows.measured - outputs, 0.0)
 
-    def _starts(self, outputs: np.ndarray, first: np.ndarray) -> Starts:
+    def _starts(self, outputs: np.ndarray, first: np.ndarray) -> InitialStates:
         """As the sensors show them, at the steps `first` (window,); what none shows is as in the model."""
         model = self.made.task.model
         rates = np.concatenate(
@@ -105,21 +105,24 @@ class Refit:
         )
         qpos, qvel = np.repeat(model.qpos0[None], len(first), axis=0), np.zeros((len(first), model.nv))
         qpos[:, self.qpos], qvel[:, self.dof] = outputs[first], rates[first]
-        return Starts(qpos, qvel, np.zeros((len(first), model.na)), self.made.time[first])
+        return InitialStates(qpos, qvel, np.zeros((len(first), model.na)), self.made.time[first])
 
-    def _linearised(self, windows, starts, point, moved):
+    def _linearised(self, windows, initial, point, moved):
         """Residual (window, row) over the noise and its slopes by parameters, over their ranges, (window, row,
-        parameter), and by starts, over their sd, (window, row, start); priors of starts are the last rows.
+        parameter), and by initial states, over their sd, (window, row, start); priors of initial states are the last
+        rows.
         """
         space, count = self.made.task.space, len(point) + len(self.sd)
         change = np.where(point + DIFFERENCE * space.span <= space.high, DIFFERENCE, -DIFFERENCE)
         points = np.repeat(point[None], 1 + count, axis=0)
         points[1 : 1 + len(point)] += np.diag(change * space.span)
-        offsets = np.zeros((1 + count, len(windows), 2 * self.made.task.model.nv + self.made.task.model.na))
-        offsets[:, :, self.columns] = moved * self.sd
+        corrections = np.zeros(
+            (1 + count, len(windows), 2 * self.made.task.model.nv + self.made.task.model.na)
+        )
+        corrections[:, :, self.columns] = moved * self.sd
         for i, column in enumerate(self.columns):
-            offsets[1 + len(point) + i, :, column] += self.sd[i]
-        outputs = self.simulator.simulate(windows, starts, points, offsets).outputs / self.made.noise_sd
+            corrections[1 + len(point) + i, :, column] += self.sd[i]
+        outputs = self.simulator.simulate(windows, initial, points, corrections).outputs / self.made.noise_sd
         outputs = np.where(windows.mask[:, :, None], outputs, 0.0).reshape(1 + count, len(windows), -1)
         residual = ((windows.measured - self.nothing) / self.made.noise_sd).reshape(
             len(windows), -1
@@ -140,17 +143,17 @@ def _rates(outputs: np.ndarray, time: np.ndarray, timestep: float) -> np.ndarray
     return rates - timestep / 2 * np.gradient(rates, time, axis=0)
 
 
-def _without_starts(values: np.ndarray, by_start: np.ndarray) -> np.ndarray:
+def _without_starts(values: np.ndarray, by_initial: np.ndarray) -> np.ndarray:
     """What of `values` (window, row, column) no start takes up."""
-    q, _ = np.linalg.qr(by_start)
+    q, _ = np.linalg.qr(by_initial)
     return values - q @ (q.swapaxes(1, 2) @ values)
 
 
-def _step(residual, by_point, by_start, bounds) -> tuple[np.ndarray, np.ndarray]:
-    """Of parameters (parameter,), within `bounds`, and of starts (window, start): one Gauss-Newton step."""
+def _step(residual, by_point, by_initial, bounds) -> tuple[np.ndarray, np.ndarray]:
+    """Of parameters (parameter,), within `bounds`, and of initial states (window, start): one Gauss-Newton step."""
     from scipy.optimize import lsq_linear
 
-    joint = _without_starts(np.concatenate([by_point, residual[..., None]], axis=2), by_start)
+    joint = _without_starts(np.concatenate([by_point, residual[..., None]], axis=2), by_initial)
     triangle = np.linalg.qr(joint.reshape(-1, joint.shape[2]), mode="r")
     damped = np.vstack([triangle[:, :-1], DAMPING * np.abs(triangle).max() * np.eye(by_point.shape[2])])
     wanted = np.concatenate([triangle[:, -1], np.zeros(by_point.shape[2])])
@@ -158,12 +161,12 @@ def _step(residual, by_point, by_start, bounds) -> tuple[np.ndarray, np.ndarray]
     step = lsq_linear(damped, wanted, (np.minimum(low, -TINY), np.maximum(high, TINY))).x
     step = np.clip(step, low, high)
     left = residual - by_point @ step
-    return step, (np.linalg.pinv(by_start) @ left[..., None])[..., 0]
+    return step, (np.linalg.pinv(by_initial) @ left[..., None])[..., 0]
 
 
-def _standard_deviations(by_point: np.ndarray, by_start: np.ndarray) -> np.ndarray:
+def _standard_deviations(by_point: np.ndarray, by_initial: np.ndarray) -> np.ndarray:
     """Of the parameters, over their ranges, (parameter,), where noise is 1."""
-    alone = _without_starts(by_point, by_start).reshape(-1, by_point.shape[2])
+    alone = _without_starts(by_point, by_initial).reshape(-1, by_point.shape[2])
     return np.sqrt(np.diag(np.linalg.pinv(alone.T @ alone, rcond=1e-12)))
 
 

@@ -24,7 +24,7 @@ from capture_cli.model.parameters import ParameterSpace
 if TYPE_CHECKING:
     from capture_cli.estimate.model_fits import ModelFits
 
-LEFT = ("offsets", "residual", "fitted_hidden")  # of a PartFit
+LEFT = ("corrections", "residual", "fitted_hidden")  # of a PartFit
 
 Values = dict[str, Any]  # arrays, and what JSON can hold
 
@@ -104,7 +104,7 @@ def _told(given: Any) -> Any:
     if isinstance(given, PreparedLog):
         return given.windows.first
     if isinstance(given, Fit):
-        return np.concatenate([given.point, given.offsets.ravel()])
+        return np.concatenate([given.point, given.corrections.ravel()])
     if isinstance(given, tuple | list):
         return ", ".join(e.name for e in given)
     return given
@@ -124,9 +124,9 @@ def _of_fit(fit: Fit | None) -> Values:
     values = {
         "point": fit.point,
         "finished": fit.finished,
-        **what_is_there(fit.at, ("x", "offsets", "residual")),
+        **what_is_there(fit.at, ("x", "corrections", "residual")),
     }
-    slopes = {n: np.moveaxis(getattr(fit.at, n), -1, 0) for n in ("by_parameter", "by_start")}
+    slopes = {n: np.moveaxis(getattr(fit.at, n), -1, 0) for n in ("by_parameter", "by_initial")}
     return {**values, **slopes}
 
 
@@ -134,7 +134,7 @@ def _as_fit(values: Values, fits: ModelFits, part: PreparedLog, effects: Sequenc
     if not values:
         return None
     simulator = fits.simulator(effects)
-    slopes = [np.moveaxis(values[n], 0, -1) for n in ("by_parameter", "by_start")]
-    found = (values[n] for n in ("x", "offsets", "residual"))
+    slopes = [np.moveaxis(values[n], 0, -1) for n in ("by_parameter", "by_initial")]
+    found = (values[n] for n in ("x", "corrections", "residual"))
     at = Linearization(part.data(simulator), *found, *slopes)
     return Fit(tuple(effects), simulator.space, values["point"], at, values["finished"])

@@ -29,7 +29,7 @@ def escaped(
 ) -> Fit | None:
     """The fit after as many escapes from local minima as contacts may need; `fit` where there is none.
 
-    descend(point (parameter,), offsets (window, state)) -> a fit of the same model. rival: another model's fit.
+    descend(point (parameter,), corrections (window, state)) -> a fit of the same model. rival: another model's fit.
     """
     for _ in range(SETTINGS.escapes if part.difference_step else 1):
         if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
@@ -45,7 +45,7 @@ def escaped(
 def better_minimum(
     fits: ModelFits, part: PreparedLog, fit: Fit, *, whole_step: bool, worth: float = FIT.as_good
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """A better point (parameter,), and offsets (window, state), that no step of all of them together leads to; None
+    """A better point (parameter,), and corrections (window, state), that no step of all of them together leads to; None
     where there is none.
 
     Where stops are hit the start of a window has many minima, and a step of all parameters is refused for the few
@@ -55,16 +55,16 @@ def better_minimum(
     make the error rough there always is one.
     """
     k, before = fit.at.inflation, fit.at.objectives(fit.at.inflation)
-    found = fits.starts_at(part, fit, FIT.tolerance, fit.offsets, np.zeros_like(fit.offsets))
-    offsets = np.stack([fit.offsets, found.offsets])
-    best, values = best_trials(offsets, np.stack([before, found.objectives(k)]))
+    found = fits.initial_states_at(part, fit, FIT.tolerance, fit.corrections, np.zeros_like(fit.corrections))
+    corrections = np.stack([fit.corrections, found.corrections])
+    best, values = best_trials(corrections, np.stack([before, found.objectives(k)]))
     ways = [(values.sum(), fit.point, best)]
     if whole_step and len(fit.point):
         point = fit.space.from_unit(fit.at.x + fit.at.whole_step)
-        there = fits.starts_at(part, replace(fit, point=point), FIT.tolerance, best)
-        ways.append((there.objectives(k).sum(), point, there.offsets))
-    value, point, offsets = min(ways, key=lambda way: way[0])
-    return (point, offsets) if before.sum() - value > worth * k else None
+        there = fits.initial_states_at(part, replace(fit, point=point), FIT.tolerance, best)
+        ways.append((there.objectives(k).sum(), point, there.corrections))
+    value, point, corrections = min(ways, key=lambda way: way[0])
+    return (point, corrections) if before.sum() - value > worth * k else None
 
 
 def _may_be_stuck(fit: Fit, rival: Fit | None) -> bool:

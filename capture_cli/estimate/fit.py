@@ -63,9 +63,9 @@ class Fit:
         return rival is not None and self.error > LEAST_SQUARES.hopeless * rival.error
 
     @property
-    def offsets(self) -> np.ndarray:
-        """Of the windows' starts, (window, state), SI."""
-        return self.at.offsets
+    def corrections(self) -> np.ndarray:
+        """Of the windows' initial states, (window, state), SI."""
+        return self.at.corrections
 
     @cached_property
     def penalised_squares(self) -> float:
@@ -112,5 +112,5 @@ def thinned(part: PreparedLog, fit: Fit) -> tuple[PreparedLog, Linearization]:
         data=replace(at.data, measured=few.windows.measured, mask=few.windows.sampled),
         residual=at.residual[:, :rows],
         by_parameter=at.by_parameter[:, :rows],
-        by_start=at.by_start[:, :rows],
+        by_initial=at.by_initial[:, :rows],
     )

@@ -72,7 +72,7 @@ def _whole(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_te
         fit.effects,
         _begin(fits, fit, in_unit, on),
         near=fit,
-        offsets=on.offsets,
+        corrections=on.corrections,
         effort=Effort(tolerance=FIT.exact),
     )
     if whole is None or not _leaves_nothing(whole, is_test):

@@ -208,8 +208,8 @@ def _moves_outputs(
     data = part.data(simulator)
     moved = np.repeat(base[None], 1 + len(columns), axis=0)
     moved[np.arange(1, len(moved)), columns] = to[columns]
-    offsets = np.zeros((len(moved), *data.start_sd.shape))
-    outputs, diverged = part.evaluate(simulator, Trial(simulator.space.from_unit(moved), offsets))
+    corrections = np.zeros((len(moved), *data.initial_sd.shape))
+    outputs, diverged = part.evaluate(simulator, Trial(simulator.space.from_unit(moved), corrections))
     change = np.abs(data.residual(outputs[1:]) - data.residual(outputs[:1])).max(axis=2)
     valid = ~(diverged[1:] | diverged[:1])
     moves_least = 1e-4  # of the noise floor: less is nothing

@@ -14,7 +14,7 @@ from capture_cli.estimate.checkpoint import Checkpoint, checkpointed_fit, checkp
 from capture_cli.estimate.escape import escaped
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
-from capture_cli.estimate.initial_states.refined import fit_starts
+from capture_cli.estimate.initial_states.refined import fit_initial_states
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Best, Trial, run
@@ -33,7 +33,7 @@ from capture_cli.estimate.solve.undetermined import is_confounded
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.simulate.engine import Engine
-from capture_cli.simulate.simulator import Begun, Motion, Simulator
+from capture_cli.simulate.simulator import InitialConditions, Motion, Simulator
 
 
 @frozen
@@ -101,26 +101,28 @@ class ModelFits:
         start: np.ndarray,
         *,
         near: Fit | None = None,
-        offsets: np.ndarray | None = None,
+        corrections: np.ndarray | None = None,
         effort: Effort = USUAL,
     ) -> Fit | None:
         """Fit from `start` (parameter,); None where every trial diverged.
 
-        near: another fit of the same part. This one begins with its starts of windows, with its values where they are
-        better than those of `start`, and with its sensitivities until it measures its own: as far as they concern the
-        declared parameters, and the effects that both begin with.
-        offsets (window, state): of the starts, where they begin, if not where `near` has them.
+        near: another fit of the same part. This one begins with its initial states of windows, with its values where
+        they are better than those of `start`, and with its sensitivities until it measures its own: as far as they
+        concern the declared parameters, and the effects that both begin with. corrections (window, state): of the
+        initial states, where they begin, if not where `near` has them.
         """
         new, theirs = effects, () if near is None else near.effects
-        if offsets is None and near is not None:
-            offsets = near.offsets
-        if offsets is not None:
-            transferred = self._transferred(offsets, theirs, effects)
+        if corrections is None and near is not None:
+            corrections = near.corrections
+        if corrections is not None:
+            transferred = self._transferred(corrections, theirs, effects)
             points = [start] if near is None else [start, self._as_near(near, effects, start)]
-            start, offsets = self._nearer(part, effects, points, [transferred, np.zeros_like(transferred)])
+            start, corrections = self._nearer(
+                part, effects, points, [transferred, np.zeros_like(transferred)]
+            )
             new = effects[len(_in_common(theirs, effects)) :]
-        offsets = self._with_states_found(part, effects, start, offsets, new)
-        fit = self._descended(part, effects, start, offsets, effort, near)
+        corrections = self._with_states_found(part, effects, start, corrections, new)
+        fit = self._descended(part, effects, start, corrections, effort, near)
         known = {e.name for e in theirs}
         tried = any(e.name not in known for e in searched(effects))
         if effort.escapes and (tried or (part.difference_step and not effects and not self.from_balance)):
@@ -157,7 +159,7 @@ class ModelFits:
         """Of `points`, each (parameter,), the best, and there of each window the best of `begins`, each (window,
         state).
 
-        Starts that stood in for what a model lacked are far from those of a model that has it.
+        Initial states that stood in for what a model lacked are far from those of a model that has it.
         """
         simulator = self.simulator(effects)
         data = part.data(simulator)
@@ -174,26 +176,26 @@ class ModelFits:
         part: PreparedLog,
         effects: Sequence[Placed],
         point: np.ndarray,
-        offsets: np.ndarray | None,
+        corrections: np.ndarray | None,
         new: Sequence[Placed],
     ) -> np.ndarray | None:
-        """`offsets` (window, state) with those states of the `new` effects, the last, that may be anywhere where they
-        are best at `point` (parameter,), of the values tried in every window.
+        """`corrections` (window, state) with those states of the `new` effects, the last, that may be anywhere where
+        they are best at `point` (parameter,), of the values tried in every window.
 
         From a phase on the wrong side of the circle a descent would sooner take the force away than turn it.
         """
         if not any(effect.states_anywhere and effect.states for _, effect in new):
-            return offsets
+            return corrections
         simulator = self.simulator(effects)
         data = part.data(simulator)
-        found = np.zeros(data.start_sd.shape) if offsets is None else offsets
+        found = np.zeros(data.initial_sd.shape) if corrections is None else corrections
         state = found.shape[1] - sum(len(effect.states) for _, effect in new)
         for _, effect in new:
             own = slice(state, state + len(effect.states))
             state = own.stop
             if effect.states_anywhere and effect.states:
                 trials = np.repeat(found[None], len(effect.states_tried), axis=0)
-                trials[:, :, own] = effect.states_tried[:, None] * (data.start_sd[:, own] > 0)
+                trials[:, :, own] = effect.states_tried[:, None] * (data.initial_sd[:, own] > 0)
                 points = np.repeat(point[None], len(trials), axis=0)
                 outputs, diverged = part.evaluate(simulator, Trial(points, trials))
                 found, _ = best_trials(trials, trial_objectives(data, trials, outputs, diverged, 1.0))
@@ -204,11 +206,11 @@ class ModelFits:
         part: PreparedLog,
         effects: Sequence[Placed],
         start: np.ndarray,
-        offsets: np.ndarray | None,
+        corrections: np.ndarray | None,
         effort: Effort,
         near: Fit | None = None,
     ) -> Fit | None:
-        """Where least squares from `start` (parameter,) and `offsets` (window, state) ends; as `fit`."""
+        """Where least squares from `start` (parameter,) and `corrections` (window, state) ends; as `fit`."""
         rival, to_reach, tolerance = effort.rival, effort.to_reach, effort.tolerance
         simulator = self.simulator(effects)
         data = part.data(simulator)
@@ -220,7 +222,7 @@ class ModelFits:
         solver = LeastSquares(
             data,
             start=start,
-            offsets=offsets,
+            corrections=corrections,
             known=None if near is None else self._known(near, effects, data),
             starts=effort.starts,
             rounds=effort.rounds,
@@ -250,7 +252,7 @@ class ModelFits:
     def _state_count(self, effects: Sequence[Placed]) -> int:
         """How many states a window begins with, those of the task's effects and of `effects` included."""
         known = [placed for placed, _ in self.prepared.task.effects]
-        return self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in (*known, *effects))
+        return self.prepared.initial.sd.shape[1] + sum(len(e.states) for _, e in (*known, *effects))
 
     def at(
         self,
@@ -269,8 +271,8 @@ class ModelFits:
             return Fit(tuple(effects), simulator.space, best.parameters, known)
         data = part.data(simulator)
         x = simulator.space.to_unit(best.parameters)
-        outputs, diverged = part.evaluate(simulator, columns(data, x, best.offsets))
-        at = Linearization.from_columns(data, x, best.offsets, outputs, diverged)
+        outputs, diverged = part.evaluate(simulator, columns(data, x, best.corrections))
+        at = Linearization.from_columns(data, x, best.corrections, outputs, diverged)
         return Fit(tuple(effects), simulator.space, best.parameters, at)
 
     def sharpened(self, part: PreparedLog, fit: Fit) -> Fit:
@@ -288,7 +290,7 @@ class ModelFits:
         """RMSE over the noise floor of the task itself at points (candidate, parameter); inf where one diverged."""
         simulator = self.simulator([])
         data = part.data(simulator)
-        trial = Trial(points, np.zeros((len(points), *data.start_sd.shape)))
+        trial = Trial(points, np.zeros((len(points), *data.initial_sd.shape)))
         outputs, diverged = part.evaluate(simulator, trial)
         square = np.square(data.residual(outputs)).sum(axis=(1, 2)) / data.count
         return np.where(diverged.any(axis=1) | ~np.isfinite(square), np.inf, np.sqrt(square))
@@ -300,11 +302,11 @@ class ModelFits:
     def objectives(self, part: PreparedLog, fit: Fit, on: PartFit, points: np.ndarray) -> np.ndarray:
         """The objective (point,) of the fit's model at points (point, parameter); inf where one diverged.
 
-        on: the part at the fit, whose starts are left as they are.
+        on: the part at the fit, whose initial states are left as they are.
         """
-        offsets = np.repeat(on.offsets[None], len(points), axis=0)
-        outputs, diverged = part.evaluate(self.simulator(fit.effects), Trial(points, offsets))
-        return trial_objectives(on.data, offsets, outputs, diverged, fit.at.inflation).sum(axis=1)
+        corrections = np.repeat(on.corrections[None], len(points), axis=0)
+        outputs, diverged = part.evaluate(self.simulator(fit.effects), Trial(points, corrections))
+        return trial_objectives(on.data, corrections, outputs, diverged, fit.at.inflation).sum(axis=1)
 
     @checkpointed_part
     def on(
@@ -312,41 +314,43 @@ class ModelFits:
         part: PreparedLog,
         fit: Fit,
         tolerance: float = FIT.tolerance,
-        offsets: np.ndarray | None = None,
+        corrections: np.ndarray | None = None,
         *,
         thorough: bool = False,
     ) -> PartFit:
-        """What the fit leaves of a part of the log, with starts refined by the rule they were fitted by.
+        """What the fit leaves of a part of the log, with initial states refined by the rule they were fitted by.
 
-        offsets (window, state): where they begin; as the log has them where None.
+        corrections (window, state): where they begin; as the log has them where None.
         """
-        begin = offsets
+        begin = corrections
         if begin is None:
-            begin = np.zeros((len(part.windows), fit.offsets.shape[1]))
+            begin = np.zeros((len(part.windows), fit.corrections.shape[1]))
             begin = self._with_states_found(part, fit.effects, fit.point, begin, fit.effects)
-        return PartFit.of(self.starts_at(part, fit, tolerance, begin, thorough=thorough))
+        return PartFit.of(self.initial_states_at(part, fit, tolerance, begin, thorough=thorough))
 
-    def starts_at(
+    def initial_states_at(
         self,
         part: PreparedLog,
         fit: Fit,
         tolerance: float,
-        offsets: np.ndarray,
+        corrections: np.ndarray,
         also: np.ndarray | None = None,
         *,
         thorough: bool = False,
     ) -> Linearization:
-        """The part's windows linearized in their starts alone, where those are best at the fit's parameters; searched
-        from `offsets` and, where given, `also` (window, state) on.
+        """The part's windows linearized in their initial states alone, where those are best at the fit's parameters;
+        searched from `corrections` and, where given, `also` (window, state) on.
         """
         simulator = self.simulator(fit.effects)
         data = replace(part.data(simulator), space=ParameterSpace([]))
 
         def evaluate(keep: np.ndarray, trial: Trial):
             points = np.repeat(fit.point[None], len(trial), axis=0)
-            return part.evaluate_windows(simulator, keep, Trial(points, trial.offsets))
+            return part.evaluate_windows(simulator, keep, Trial(points, trial.corrections))
 
-        return fit_starts(data, evaluate, offsets, tolerance=tolerance, also=also, thorough=thorough)
+        return fit_initial_states(
+            data, evaluate, corrections, tolerance=tolerance, also=also, thorough=thorough
+        )
 
     def probe(
         self,
@@ -364,24 +368,28 @@ class ModelFits:
         simulator = self.simulator((*fit.effects, effect))
         data = part.data(simulator)
         points = np.concatenate([np.repeat(fit.point[None], len(probes), axis=0), probes], axis=1)
-        offsets = np.zeros((len(probes), *data.start_sd.shape))
-        known = fit.offsets.shape[1]
-        offsets[:, :, :known] = fit.offsets  # the new effect's own states come last
+        corrections = np.zeros((len(probes), *data.initial_sd.shape))
+        known = fit.corrections.shape[1]
+        corrections[:, :, :known] = fit.corrections  # the new effect's own states come last
         if states is not None:
-            offsets[:, :, known : known + states.shape[1]] = states[:, None]
-        outputs, diverged = part.evaluate(simulator, Trial(points, offsets))
+            corrections[:, :, known : known + states.shape[1]] = states[:, None]
+        outputs, diverged = part.evaluate(simulator, Trial(points, corrections))
         return data.residual(outputs), diverged.any(axis=1)
 
-    def motion(self, part: PreparedLog, fit: Fit, offsets: np.ndarray | None = None) -> Motion:
-        """What happens inside every window of the part, its starts at `offsets` (those of the fit where None)."""
+    def motion(self, part: PreparedLog, fit: Fit, corrections: np.ndarray | None = None) -> Motion:
+        """What happens inside every window of the part, initial states moved by `corrections` (those of the fit where
+        None).
+        """
         simulator = self.simulator(fit.effects)
-        starts = part.starts
-        offsets = fit.offsets if offsets is None else offsets
-        return simulator.motion(part.windows, starts.starts, fit.point, offsets, starts.reported)
+        initial = part.initial
+        corrections = fit.corrections if corrections is None else corrections
+        return simulator.motion(part.windows, initial.states, fit.point, corrections, initial.reported)
 
-    def begun(self, part: PreparedLog, fit: Fit, offsets: np.ndarray) -> Begun:
-        """Where the simulation of every window of the part begins, its starts at `offsets` (window, state)."""
-        return part.begun(self.simulator(fit.effects), fit.point, offsets)
+    def initial_conditions(self, part: PreparedLog, fit: Fit, corrections: np.ndarray) -> InitialConditions:
+        """Where the simulation of every window of the part begins, its initial states moved by `corrections` (window,
+        state).
+        """
+        return part.initial_conditions(self.simulator(fit.effects), fit.point, corrections)
 
     def simulator(self, effects: Sequence[Placed]) -> Simulator:
         """Simulates the task with `effects` on the shared engine."""
@@ -389,14 +397,14 @@ class ModelFits:
         return Simulator(own.task, effects, engine=self.engine, difference_step=own.difference_step)
 
     def _transferred(
-        self, offsets: np.ndarray, theirs: Sequence[Placed], effects: Sequence[Placed]
+        self, corrections: np.ndarray, theirs: Sequence[Placed], effects: Sequence[Placed]
     ) -> np.ndarray:
-        """Offsets (window, state) of a model with `effects`, from those of one with the effects `theirs`: of the
+        """Corrections (window, state) of a model with `effects`, from those of one with the effects `theirs`: of the
         machine's own states, and of the first effects that are the same; 0 for the others.
         """
         kept = self._state_count(_in_common(theirs, effects))
-        transferred = np.zeros((len(offsets), self._state_count(effects)))
-        transferred[:, :kept] = offsets[:, :kept]
+        transferred = np.zeros((len(corrections), self._state_count(effects)))
+        transferred[:, :kept] = corrections[:, :kept]
         return transferred
 
 

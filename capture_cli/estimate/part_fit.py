@@ -14,21 +14,21 @@ from capture_cli.estimate.solve.linearization import Linearization
 
 @dataclass(frozen=True)
 class PartFit:
-    """One part of the log at a fit's parameters, its starts refined.
+    """One part of the log at a fit's parameters, its initial states refined.
 
-    offsets (window, state): of the starts. residual (window, row): in units of the noise. fitted_hidden (window,): how
-    many free numbers the hidden states of effects amount to, their prior counted.
+    corrections (window, state): of the initial states. residual (window, row): in units of the noise. fitted_hidden
+    (window,): how many free numbers the hidden states of effects amount to, their prior counted.
     """
 
     data: Data
-    offsets: np.ndarray
+    corrections: np.ndarray
     residual: np.ndarray
     fitted_hidden: np.ndarray
 
     @classmethod
     def of(cls, at: Linearization) -> PartFit:
         """The part that `at` is a linearization on."""
-        return cls(at.data, at.offsets, at.residual, at.fitted_hidden)
+        return cls(at.data, at.corrections, at.residual, at.fitted_hidden)
 
     @classmethod
     def concatenate(cls, parts: Sequence[PartFit]) -> PartFit:
@@ -45,20 +45,20 @@ class PartFit:
             np.concatenate([padded(p.data.measured) for p in parts]),
             np.concatenate([padded(p.data.mask) for p in parts]),
             first.noise_sd,
-            np.concatenate([p.data.start_sd for p in parts]),
+            np.concatenate([p.data.initial_sd for p in parts]),
             attitudes=first.attitudes,
         )
         residual = [padded(p.residual.reshape(p.data.measured.shape)) for p in parts]
         residual = np.concatenate(residual).reshape(len(data.measured), steps * outputs)
-        offsets, hidden = (
-            np.concatenate([getattr(p, n) for p in parts]) for n in ("offsets", "fitted_hidden")
+        corrections, hidden = (
+            np.concatenate([getattr(p, n) for p in parts]) for n in ("corrections", "fitted_hidden")
         )
-        return cls(data, offsets, residual, hidden)
+        return cls(data, corrections, residual, hidden)
 
     def rows(self, keep: np.ndarray) -> PartFit:
         """The windows at `keep` alone: their numbers, or a mask (window,)."""
         return PartFit(
-            self.data.rows(keep), self.offsets[keep], self.residual[keep], self.fitted_hidden[keep]
+            self.data.rows(keep), self.corrections[keep], self.residual[keep], self.fitted_hidden[keep]
         )
 
     @property

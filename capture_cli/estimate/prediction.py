@@ -17,7 +17,7 @@ import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.common.frozen import frozen
-from capture_cli.estimate.initial_states.of_windows import log_starts, readable
+from capture_cli.estimate.initial_states.of_windows import log_initial_states, readable
 from capture_cli.estimate.log_windows import clock, windows_at
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -41,14 +41,14 @@ class SETTINGS:
 
 @dataclass(frozen=True)
 class PredictingModel:
-    """A model by its name: the task with `effects` at `point` (parameter,). offsets (window, state): by how much its
-    fit moved the initial states of all windows of the prepared log.
+    """A model by its name: the task with `effects` at `point` (parameter,). corrections (window, state): by how much
+    its fit moved the initial states of all windows of the prepared log.
     """
 
     name: str
     effects: Sequence[Placed]
     point: np.ndarray
-    offsets: np.ndarray
+    corrections: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class _Predictions:
 
     def _is_unshown(self) -> bool:
         """Whether a model has a state that the outputs do not show, of its own or of an effect."""
-        model, sd = self.prepared.task.model, self.prepared.starts.sd
+        model, sd = self.prepared.task.model, self.prepared.initial.sd
         shown = np.zeros(sd.shape[1], dtype=bool)
         for source in sources_of(model, readable(self.prepared.task)):
             dofs = np.array(source.dofs)
@@ -202,16 +202,16 @@ class _Predictions:
         log, task = self.prepared.log, self.prepared.task
         windows = windows_at(log, task, spans)
         if self.between and not free:
-            starts = log_starts(log, task, windows, self.prepared.noise, self.fits.engine.threads)
-            offsets = [np.zeros((len(spans), m.offsets.shape[1])) for m in self.models]
+            initial = log_initial_states(log, task, windows, self.prepared.noise, self.fits.engine.threads)
+            corrections = [np.zeros((len(spans), m.corrections.shape[1])) for m in self.models]
         else:
             own = np.searchsorted(self.prepared.windows.first, spans.first)
-            starts = self.prepared.starts.rows(own)
-            offsets = [m.offsets[own] for m in self.models]
+            initial = self.prepared.initial.rows(own)
+            corrections = [m.corrections[own] for m in self.models]
         none = Split(np.zeros(len(spans), dtype=bool), "")
-        part = replace(self.prepared, windows=windows, starts=starts, split=none)
+        part = replace(self.prepared, windows=windows, initial=initial, split=none)
         simulated = {}
-        for model, moved in zip(self.models, offsets, strict=True):
+        for model, moved in zip(self.models, corrections, strict=True):
             simulator = self.fits.simulator(model.effects)
             outputs, diverged = part.evaluate(simulator, Trial(model.point[None], moved[None]))
             simulated[model.name] = outputs[0], diverged[0]

@@ -1,4 +1,4 @@
-"""A log made ready for a task: checked, cut into windows, with starts, noise floor and split."""
+"""A log made ready for a task: checked, cut into windows, with initial states, noise floor and split."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.estimate.difference_step import difference_step
-from capture_cli.estimate.initial_states.of_windows import log_starts
+from capture_cli.estimate.initial_states.of_windows import log_initial_states
 from capture_cli.estimate.log_balance import timings_of_inputs, with_timings
 from capture_cli.estimate.log_requirements import (
     check_changes,
@@ -69,11 +69,11 @@ def prepare(
         attitudes=attitudes(task),
     )
     check_changes(log, task, noise.sd)
-    starts = log_starts(log, task, windows, noise, threads)
+    initial = log_initial_states(log, task, windows, noise, threads)
     divided = Divided(
         windows.first, windows.samples, windows.episode, log.recording, log.recording_names, log.longest
     )
-    prepared = PreparedLog(task, log, windows, starts, noise, split.of(divided))
+    prepared = PreparedLog(task, log, windows, initial, noise, split.of(divided))
     check_fitted(prepared)
     if excerpt is not None:
         return replace(prepared, difference_step=excerpt.difference_step)
@@ -94,6 +94,6 @@ def driven_by(log: MeasuredLog) -> Sequence[np.ndarray]:
 
 
 def with_noise(prepared: PreparedLog, noise: NoiseFloor, threads: int | None) -> PreparedLog:
-    """The log with another noise floor, which its starts are known by, too."""
-    starts = log_starts(prepared.log, prepared.task, prepared.windows, noise, threads)
-    return replace(prepared, noise=noise, starts=starts)
+    """The log with another noise floor, which its initial states are known by, too."""
+    initial = log_initial_states(prepared.log, prepared.task, prepared.windows, noise, threads)
+    return replace(prepared, noise=noise, initial=initial)

@@ -9,7 +9,7 @@ import numpy as np
 
 from capture_cli.estimate.balance.input_timing import InputTiming
 from capture_cli.estimate.balance.screening import Screening
-from capture_cli.estimate.initial_states.from_outputs import StartEstimate
+from capture_cli.estimate.initial_states.from_outputs import InitialStateEstimate
 from capture_cli.estimate.noise.noise_floor import NoiseFloor
 from capture_cli.estimate.solve.base import Data, Trial
 from capture_cli.estimate.solve.linearization import SETTINGS as LINEARIZATION
@@ -18,9 +18,9 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.reported_motion import SETTINGS as REPORTED_MOTION
 from capture_cli.log.windows import Windows
 from capture_cli.model.quaternion_signs import aligned, quaternion_columns
-from capture_cli.model.states import offsets_between, shift
+from capture_cli.model.states import corrections_between, shift
 from capture_cli.model.tasks.base import Task
-from capture_cli.simulate.simulator import Begun, Simulator
+from capture_cli.simulate.simulator import InitialConditions, Simulator
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class PreparedLog:
     task: Task
     log: MeasuredLog
     windows: Windows
-    starts: StartEstimate
+    initial: InitialStateEstimate
     noise: NoiseFloor
     split: Split
     difference_step: float = 0.0
@@ -82,39 +82,39 @@ class PreparedLog:
             self.task,
             self.log,
             self.windows.rows(keep),
-            self.starts.rows(keep),
+            self.initial.rows(keep),
             self.noise,
             Split(self.split.is_test[keep], self.split.how),
             self.difference_step,
         )
 
-    def offsets_from(self, earlier: PreparedLog, offsets: np.ndarray) -> np.ndarray:
-        """Offsets (window, state) of starts that begin each window where `offsets` began it in `earlier`: the same log,
-        of which other starts were read. What effects hide stays.
+    def corrections_from(self, earlier: PreparedLog, corrections: np.ndarray) -> np.ndarray:
+        """Corrections (window, state) of initial states that begin each window where `corrections` began it in
+        `earlier`: the same log, of which other initial states were read. What effects hide stays.
         """
-        model, own = self.task.model, self.starts.sd.shape[1]
-        there = shift(model, earlier.starts.starts, offsets[:, :own])
-        moved = offsets_between(model, self.starts.starts, there)
-        return np.hstack([np.where(self.starts.sd > 0, moved, 0.0), offsets[:, own:]])
+        model, own = self.task.model, self.initial.sd.shape[1]
+        there = shift(model, earlier.initial.states, corrections[:, :own])
+        moved = corrections_between(model, self.initial.states, there)
+        return np.hstack([np.where(self.initial.sd > 0, moved, 0.0), corrections[:, own:]])
 
     def data(self, simulator: Simulator) -> Data:
-        """What identifiers are given. Hidden states of effects are free at the starts, by their unit prior."""
+        """What identifiers are given. Hidden states of effects are free where windows begin, by their unit prior."""
         return Data(
             simulator.space,
             self.windows.measured,
             self.windows.sampled,
             self.noise.sd,
-            self._start_sd(simulator),
+            self._initial_sd(simulator),
             hidden_tried=simulator.hidden_tried(),
-            start_step=LINEARIZATION.rough_start_step
+            initial_step=LINEARIZATION.rough_initial_step
             if simulator.difference_step
-            else LINEARIZATION.start_step,
+            else LINEARIZATION.initial_step,
             attitudes=attitudes(self.task),
         )
 
-    def _start_sd(self, simulator: Simulator) -> np.ndarray:
+    def _initial_sd(self, simulator: Simulator) -> np.ndarray:
         """How well states are known at the start of each window, those of effects last, (window, state)."""
-        own, reported = self.starts.sd, self.starts.reported
+        own, reported = self.initial.sd, self.initial.reported
         if simulator.begins_early and reported is not None:
             before_the_log = (self.windows.known < REPORTED_MOTION.most_late)[:, None]
             own = np.hypot(own, before_the_log * reported.unseen(own.shape[1]))
@@ -123,19 +123,20 @@ class PreparedLog:
     def evaluate(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
         """Simulated outputs (candidate, window, step, output) and diverged (candidate, window) of a trial.
 
-        Starts that are known for certain stay where they are. Windows that need not be simulated count as diverged.
+        Initial states that are known for certain stay where they are. Windows that need not be simulated count as
+        diverged.
         """
         if trial.windows is not None:
-            which, moved = trial.windows, trial.offsets[:, trial.windows]
+            which, moved = trial.windows, trial.corrections[:, trial.windows]
             outputs = np.zeros((len(trial), *self.windows.measured.shape))
             diverged = np.ones(outputs.shape[:2], dtype=bool)
             outputs[:, which], diverged[:, which] = self.evaluate_windows(
                 simulator, which, Trial(trial.parameters, moved)
             )
             return outputs, diverged
-        starts, offsets = self.starts, self._moved(simulator, trial.offsets)
+        initial, corrections = self.initial, self._moved(simulator, trial.corrections)
         simulated = simulator.simulate(
-            self.windows, starts.starts, trial.parameters, offsets, starts.reported
+            self.windows, initial.states, trial.parameters, corrections, initial.reported
         )
         outputs = aligned(simulated.outputs, self.windows.measured, attitudes(self.task))
         return outputs, simulated.diverged
@@ -143,19 +144,23 @@ class PreparedLog:
     def evaluate_windows(
         self, simulator: Simulator, which: np.ndarray, trial: Trial
     ) -> tuple[np.ndarray, np.ndarray]:
-        """As of `evaluate`, of the windows at `which` alone: the offsets are theirs. Padded to the steps of all."""
+        """As of `evaluate`, of the windows at `which` alone: the corrections are theirs. Padded to the steps of all."""
         outputs, diverged = self.part(which).evaluate(simulator, trial)
         padding = self.windows.measured.shape[1] - outputs.shape[2]
         return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
 
-    def begun(self, simulator: Simulator, point: np.ndarray, offsets: np.ndarray) -> Begun:
-        """Where the simulation of every window begins at `point` (parameter,); offsets (window, state)."""
-        starts, offsets = self.starts, self._moved(simulator, offsets)
-        return simulator.begun(self.windows, starts.starts, point, offsets, starts.reported)
+    def initial_conditions(
+        self, simulator: Simulator, point: np.ndarray, corrections: np.ndarray
+    ) -> InitialConditions:
+        """Where the simulation of every window begins at `point` (parameter,); corrections (window, state)."""
+        initial, corrections = self.initial, self._moved(simulator, corrections)
+        return simulator.initial_conditions(
+            self.windows, initial.states, point, corrections, initial.reported
+        )
 
-    def _moved(self, simulator: Simulator, offsets: np.ndarray) -> np.ndarray:
-        """Offsets (..., window, state) without those of starts that are known for certain."""
-        return offsets * (self._start_sd(simulator)[:, : offsets.shape[-1]] > 0)
+    def _moved(self, simulator: Simulator, corrections: np.ndarray) -> np.ndarray:
+        """Corrections (..., window, state) without those of initial states that are known for certain."""
+        return corrections * (self._initial_sd(simulator)[:, : corrections.shape[-1]] > 0)
 
 
 def attitudes(task: Task) -> list[np.ndarray]:

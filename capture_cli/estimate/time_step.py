@@ -90,18 +90,18 @@ def _in_steps_of(fits: ModelFits, part: PreparedLog, fit: Fit, finer: Placed) ->
 
 
 def _led(fit: Fit, there: Linearization, k: float) -> Fit:
-    """The fit moved, starts too, to where the linearization is lowest."""
+    """The fit moved, initial states too, to where the linearization is lowest."""
     dx = there.bounded_step(k, -there.x, 1 - there.x)
     x = np.clip(there.x + dx, 0, 1)
     return replace(
         fit,
         point=fit.space.from_unit(x),
-        at=replace(there, x=x, offsets=there.start_offsets(dx, k)),
+        at=replace(there, x=x, corrections=there.corrections_after(dx, k)),
     )
 
 
 def _lowest(at: Linearization, k: float) -> tuple[float, np.ndarray]:
     """The objective where the linearization is lowest, and the step (parameter,) in the unit cube that leads there."""
     dx = at.bounded_step(k, -at.x, 1 - at.x)
-    gain = at.predicted_gain(dx, at.start_offsets(dx, k), k)
+    gain = at.predicted_gain(dx, at.corrections_after(dx, k), k)
     return float(at.objectives(k).sum()) - gain, dx

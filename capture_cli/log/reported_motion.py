@@ -55,7 +55,7 @@ class ReportedMotion:
             derivatives = np.where((before > later)[:, None], between, derivatives)
         return derivatives
 
-    def start_change(self, true: np.ndarray, states: int, substeps: int = 1) -> np.ndarray:
+    def initial_change(self, true: np.ndarray, states: int, substeps: int = 1) -> np.ndarray:
         """How far initial states move, (simulation, state), where the derivatives (simulation, 3, column) are `true`.
 
         substeps: that are simulated for each step of the model: velocities are that much nearer to those of the path.

@@ -16,7 +16,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.model.object_names import object_name
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 
 
 @frozen
@@ -139,16 +139,19 @@ class LoopClosure:
         means = {name: np.sqrt(np.mean(pairs, axis=0)) for name, pairs in squares.items()}
         return {name: float(gap) for name, (gap, may) in means.items() if gap > SETTINGS.open * may}
 
-    def close(self, starts: Starts, sd: np.ndarray, followed: np.ndarray) -> tuple[Starts, np.ndarray]:
-        """Starts that satisfy the constraints, as near to `starts` as their sd (window, state) say, and their new sd.
+    def close(
+        self, initial: InitialStates, sd: np.ndarray, followed: np.ndarray
+    ) -> tuple[InitialStates, np.ndarray]:
+        """Initial states that satisfy the constraints, as near to `initial` as their sd (window, state) say, and their
+        new sd.
 
         One coordinate alone cannot move but against the constraints, which would throw it back: the others move along.
         followed (window, nq): where coordinates are that only the constraints determine.
         """
         nv = self.model.nv
-        qpos, qvel, sd = starts.qpos.copy(), starts.qvel.copy(), sd.copy()
-        together = np.empty((len(starts), 2, nv, nv))
-        for window in range(len(starts)):
+        qpos, qvel, sd = initial.qpos.copy(), initial.qvel.copy(), sd.copy()
+        together = np.empty((len(initial), 2, nv, nv))
+        for window in range(len(initial)):
             position, velocity = sd[window, :nv], sd[window, nv : 2 * nv]
             _, left = self._at(followed[window], position)
             qpos[window] = self._begun(qpos[window], followed[window], left < SETTINGS.determined * position)
@@ -158,7 +161,7 @@ class LoopClosure:
             together[window, 1] = self._together(velocity, per_second=True)
             qvel[window] -= gain @ (self._jacobian @ qvel[window])
             sd[window] = np.concatenate([left, gives, sd[window, 2 * nv :]])
-        return replace(starts, qpos=qpos, qvel=qvel, together=together), sd
+        return replace(initial, qpos=qpos, qvel=qvel, together=together), sd
 
     def _begun(self, qpos: np.ndarray, followed: np.ndarray, determined: np.ndarray) -> np.ndarray:
         """`qpos` with the joints that are `determined` (dof,) as they were followed to."""
@@ -241,7 +244,7 @@ class LoopClosure:
         """How far each constraint (row,) may give way: under `load`, or more where it is known; how fast, per second.
 
         The joints of a gripper or a wrist are so light that their motors would accelerate them by hundreds of rad/s^2:
-        taken as stiffer than it is there, a constraint would move starts away from where they are measured.
+        taken as stiffer than it is there, a constraint would move initial states away from where they are measured.
         """
         slack = self._under_load(per_second)
         if self.slack is None or self.slack.shape[1] != len(slack):

@@ -9,7 +9,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Starts:
+class InitialStates:
     """Initial states. qpos (simulation, nq), qvel (simulation, nv), act (simulation, na), time (simulation,) in s.
 
     together (simulation, 2, nv, nv): what a move of the positions, and one of the velocities, is made into, so that
@@ -25,31 +25,38 @@ class Starts:
     def __len__(self) -> int:
         return len(self.qpos)
 
-    def rows(self, index) -> Starts:
-        """The starts at `index`."""
+    def rows(self, index) -> InitialStates:
+        """The initial states at `index`."""
         together = None if self.together is None else self.together[index]
-        return Starts(self.qpos[index], self.qvel[index], self.act[index], self.time[index], together)
+        return InitialStates(self.qpos[index], self.qvel[index], self.act[index], self.time[index], together)
 
 
-def shift(model: mujoco.MjModel, starts: Starts, offsets: np.ndarray) -> Starts:
-    """Starts moved by tangent offsets (simulation, state), state as in StartEstimate, as constraints let them."""
+def shift(model: mujoco.MjModel, initial: InitialStates, corrections: np.ndarray) -> InitialStates:
+    """Initial states moved by tangent corrections (simulation, state), state as in InitialStateEstimate, as constraints
+    let them.
+    """
     nv = model.nv
-    if starts.together is not None:
-        moves = offsets[:, : 2 * nv].reshape(-1, 2, nv, 1)
-        offsets = np.hstack([(starts.together @ moves).reshape(-1, 2 * nv), offsets[:, 2 * nv :]])
+    if initial.together is not None:
+        moves = corrections[:, : 2 * nv].reshape(-1, 2, nv, 1)
+        corrections = np.hstack([(initial.together @ moves).reshape(-1, 2 * nv), corrections[:, 2 * nv :]])
     if model.nq == nv:
-        qpos = starts.qpos + offsets[:, :nv]
+        qpos = initial.qpos + corrections[:, :nv]
     else:
-        qpos = starts.qpos.copy()
-        for row, step in zip(qpos, np.ascontiguousarray(offsets[:, :nv]), strict=True):
+        qpos = initial.qpos.copy()
+        for row, step in zip(qpos, np.ascontiguousarray(corrections[:, :nv]), strict=True):
             mujoco.mj_integratePos(model, row, step, 1.0)
     return replace(
-        starts, qpos=qpos, qvel=starts.qvel + offsets[:, nv : 2 * nv], act=starts.act + offsets[:, 2 * nv :]
+        initial,
+        qpos=qpos,
+        qvel=initial.qvel + corrections[:, nv : 2 * nv],
+        act=initial.act + corrections[:, 2 * nv :],
     )
 
 
-def offsets_between(model: mujoco.MjModel, begin: Starts, end: Starts) -> np.ndarray:
-    """Tangent offsets (simulation, state) by which `shift` takes the starts `begin` to `end`, as constraints let it."""
+def corrections_between(model: mujoco.MjModel, begin: InitialStates, end: InitialStates) -> np.ndarray:
+    """Tangent corrections (simulation, state) by which `shift` takes the initial states `begin` to `end`, as
+    constraints let it.
+    """
     nv = model.nv
     positions = np.zeros((len(begin), nv))
     for row, here, there in zip(positions, begin.qpos, end.qpos, strict=True):

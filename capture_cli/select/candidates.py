@@ -110,7 +110,7 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
 
 def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
     """The motion of each joint whose position outputs say, alone or together."""
-    model, reported, log = prepared.task.model, prepared.starts.reported, prepared.log
+    model, reported, log = prepared.task.model, prepared.initial.reported, prepared.log
     if reported is None:
         return {}
     known = stretches(log.time, log.sampled, log.episodes)

@@ -35,7 +35,7 @@ from capture_cli.select.explanation import Explanation, Expression, JudgedModel
 from capture_cli.select.expression import expression_terms
 from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.select.minima import minima
-from capture_cli.select.model_comparison import ModelComparison, starts_found
+from capture_cli.select.model_comparison import ModelComparison, initial_states_found
 from capture_cli.select.search import SETTINGS as SEARCH
 from capture_cli.select.search import Attribution
 from capture_cli.select.time_limit import Made, TimeLimit
@@ -62,9 +62,9 @@ class Settings:
 def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_step: OnStep) -> Explanation:
     """What explains the log, from the values `nominal` (parameter,) of its task. Raises FitError.
 
-    With the starts that the actions say, where that explains what was fitted; else with free starts. Where contacts
-    follow, free starts are worse: they make the error rough, and hide what moves them. With a noise floor that has the
-    outliers in it, where that is what the last model leaves.
+    With the initial states that the actions say, where that explains what was fitted; else with free initial states.
+    Where contacts follow, free initial states are worse: they make the error rough, and hide what moves them. With a
+    noise floor that has the outliers in it, where that is what the last model leaves.
     """
     rollouts = prepared.rollouts
     rollouts += check_parameters_move_outputs(prepared, seed=settings.seed, threads=settings.threads)
@@ -87,7 +87,7 @@ def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_s
 
     free = begun.as_acted and found.leaves_something
     if free:
-        begun, found = otherwise(begun.prepared, "a search with free starts", free=True)
+        begun, found = otherwise(begun.prepared, "a search with free initial states", free=True)
     if found.leaves_something:
         fitted, after = found.parts.windows(FIT), found.after.fit
         noisier = with_outliers(begun.prepared, fitted, after, settings.threads)
@@ -100,7 +100,7 @@ def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_s
 class _Declared:
     """The protocol with its declared model, on the log `prepared` with the noise floor that it stays with.
 
-    as_acted: with the starts that the actions say; then `prepared` has them as free as they were.
+    as_acted: with the initial states that the actions say; then `prepared` has them as free as they were.
     """
 
     protocol: _Protocol
@@ -124,20 +124,20 @@ def _begin(
     """Declare the model; on from there where what it leaves shows another noise than the log, anew where contacts
     there need longer differences; until neither is so.
 
-    free: not with the starts that the actions say. rollouts: how many windows were simulated before.
+    free: not with the initial states that the actions say. rollouts: how many windows were simulated before.
     """
-    start, offsets = nominal, None
+    start, corrections = nominal, None
     while True:
         acted = not free and begins_as_acted(prepared)
         protocol = _Protocol(as_acted(prepared) if acted else prepared, settings, on_step, rollouts)
-        declared = protocol.declare(start, offsets)
+        declared = protocol.declare(start, corrections)
         better = _better_prepared(prepared, protocol, declared)
         if better is prepared:
             return _Declared(protocol, declared, prepared, acted)
-        start, offsets = nominal, None
+        start, corrections = nominal, None
         if better.noise is not prepared.noise:
             start, fitted = declared.point, LogParts.of(better).windows(FIT)
-            offsets = fitted.offsets_from(protocol.parts.windows(FIT), declared.offsets)
+            corrections = fitted.corrections_from(protocol.parts.windows(FIT), declared.corrections)
         prepared, rollouts = better, protocol.fits.rollouts
 
 
@@ -149,14 +149,15 @@ def _better_prepared(prepared: PreparedLog, protocol: _Protocol, declared: Fit) 
     quieter = with_noise_of_residual(prepared, fitted, declared, threads)
     if quieter is not prepared:
         return quieter
-    step, rollouts = difference_step(fitted, threads, declared.point, declared.offsets)
+    step, rollouts = difference_step(fitted, threads, declared.point, declared.corrections)
     protocol.fits.rollouts += rollouts
     return replace(prepared, difference_step=step) if step > prepared.difference_step else prepared
 
 
 @dataclass(frozen=True)
 class _Closing:
-    """What it takes, s, to make a row of the declared model: to refit it, and to work out the starts of all windows.
+    """What it takes, s, to make a row of the declared model: to refit it, and to work out the initial states of all
+    windows.
 
     What follows a search takes as much for the model that was found, and some more simulations of the log.
     """
@@ -192,16 +193,16 @@ class _Protocol:
         self.fits.rollouts = rollouts
         self.fits.engine.on_work = self.limit.check
 
-    def declare(self, start: np.ndarray, offsets: np.ndarray | None = None) -> Fit:
-        """The declared model, from `start` (parameter,) and other places, with windows begun at `offsets` (window,
+    def declare(self, start: np.ndarray, corrections: np.ndarray | None = None) -> Fit:
+        """The declared model, from `start` (parameter,) and other places, with windows begun at `corrections` (window,
         state).
         """
         own = self.settings
         declared = self.fits.fit(
             self.parts.windows(FIT),
             [],
-            start if offsets is not None else self._nearer(start),
-            offsets=offsets,
+            start if corrections is not None else self._nearer(start),
+            corrections=corrections,
             effort=Effort(
                 starts=own.starts if self.balanced is None else 1, tolerance=FIT_SETTINGS.exact, seed=own.seed
             ),
@@ -233,8 +234,10 @@ class _Protocol:
             attribution.candidates,
             models,
             sure=self._limited(after),
-            motion=self.fits.motion(self.prepared, after.again, after.whole.offsets),
-            begun=self.fits.begun(self.prepared, after.again, after.whole.offsets),
+            motion=self.fits.motion(self.prepared, after.again, after.whole.corrections),
+            initial_conditions=self.fits.initial_conditions(
+                self.prepared, after.again, after.whole.corrections
+            ),
             held_out=self._held_out(after),
             shorter_step=shorter_step(self.fits, self._seen(after), after.again, after.intervals),
             next_experiment=self._next_experiment(after, [c.fit for c in tied]) if tied else None,
@@ -378,7 +381,7 @@ class _Protocol:
             fit.effects,
             fit.point,
             near=fit,
-            offsets=starts_found(self.parts.folds, fit, judged),
+            corrections=initial_states_found(self.parts.folds, fit, judged),
             effort=Effort(tolerance=FIT_SETTINGS.exact),
         )
 
@@ -390,7 +393,7 @@ class _Protocol:
         number = self.parts.number
         if again is not None:
             where = [number != TEST]
-            parts = [self.fits.on(self.prepared.part(where[0]), again, offsets=again.offsets)]
+            parts = [self.fits.on(self.prepared.part(where[0]), again, corrections=again.corrections)]
         else:
             where, parts = [number == FIT], [PartFit.of(fit.at)]
             if (number == SELECT).any():
@@ -414,7 +417,7 @@ class _Protocol:
             last.effects,
             again.point,
             near=last,
-            offsets=again.offsets[seen == FIT],
+            corrections=again.corrections[seen == FIT],
         )
         return least([last, other])
 

@@ -18,7 +18,7 @@ from capture_cli.select.candidates import Candidate
 from capture_cli.select.expression import ExpressionTerm, formula
 from capture_cli.select.log_parts import FIT, TEST, LogParts
 from capture_cli.select.search import Accepted
-from capture_cli.simulate.simulator import Begun, Motion
+from capture_cli.simulate.simulator import InitialConditions, Motion
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Explanation:
     models: list[JudgedModel]
     sure: Intervals
     motion: Motion
-    begun: Begun
+    initial_conditions: InitialConditions
     held_out: HeldOut
     shorter_step: ShorterStep | None
     next_experiment: dict[str, Any] | None

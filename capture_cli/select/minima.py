@@ -78,4 +78,4 @@ def _with_shapes_at_ends(fits: ModelFits, part: PreparedLog, fit: Fit) -> list[F
     k = fit.at.inflation
     above = fits.objectives(part, fit, PartFit.of(fit.at), ends) - fit.at.objectives(k).sum()
     as_good = above < FIT.as_good * k
-    return [fits.at(part, fit.effects, Best(p, fit.offsets, 0.0)) for p in ends[as_good]]
+    return [fits.at(part, fit.effects, Best(p, fit.corrections, 0.0)) for p in ends[as_good]]

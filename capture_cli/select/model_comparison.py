@@ -112,7 +112,7 @@ class ModelComparison:
             fit.effects,
             fit.point,
             near=fit,
-            offsets=starts_found(self.folds, fit, on),
+            corrections=initial_states_found(self.folds, fit, on),
             effort=Effort(seed=self.seed),
         )
         if both is None or lack_of_fit(both.at).lacking:
@@ -168,8 +168,8 @@ class ModelComparison:
     ) -> Fit | None:
         """The fit of the declared model with `effects`: made once, and taken up again where it was stopped early.
 
-        near: another model's, whose windows' starts it begins with. elsewhere: other points to begin at where the fit
-        from `start` (parameter,) leaves something.
+        near: another model's, whose windows' initial states it begins with. elsewhere: other points to begin at where
+        the fit from `start` (parameter,) leaves something.
         """
         key = _key(effects)
         made = self._fitted.get(key)
@@ -412,14 +412,16 @@ class ModelComparison:
         return TIED
 
 
-def starts_found(folds: Folds, fit: Fit, judged: PartFit | None) -> np.ndarray:
-    """Offsets (window, state) of the starts where a refit on all that is not test begins: there it is nearly done."""
-    offsets = np.zeros((len(folds.fit), fit.offsets.shape[1]))
-    offsets[folds.fit] = fit.offsets
+def initial_states_found(folds: Folds, fit: Fit, judged: PartFit | None) -> np.ndarray:
+    """Corrections (window, state) of the initial states where a refit on all that is not test begins: there it is
+    nearly done.
+    """
+    corrections = np.zeros((len(folds.fit), fit.corrections.shape[1]))
+    corrections[folds.fit] = fit.corrections
     if judged is not None and len(folds.folds) == 1:
         [(_, judging)] = folds.folds
-        offsets[judging] = judged.offsets
-    return offsets[folds.seen]
+        corrections[judging] = judged.corrections
+    return corrections[folds.seen]
 
 
 def _similarity(one: Compared, other: Compared) -> float:
@@ -442,10 +444,10 @@ def _block_length(judged: PartFit) -> int:
 
 
 def effective_samples(fit: Fit) -> float:
-    """How many independent numbers are in what the fit leaves, beyond those that its windows' starts took."""
+    """How many independent numbers are in what the fit leaves, beyond those that its windows' initial states took."""
     data = fit.at.data
     residual = fit.at.residual.reshape(data.measured.shape)
-    return (data.count - fit.at.fitted_starts) / correlation_samples(residual, data.mask)
+    return (data.count - fit.at.fitted_initial) / correlation_samples(residual, data.mask)
 
 
 def _key(effects: Sequence[Placed]) -> tuple[str, ...]:

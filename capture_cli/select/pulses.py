@@ -90,7 +90,8 @@ class _Force:
 
 @dataclass(frozen=True)
 class PulseResponse:
-    """What pulses would explain, the starts eliminated: the normal equations of the amplitudes, window by window.
+    """What pulses would explain, the initial states eliminated: the normal equations of the amplitudes, window by
+    window.
 
     gram (window, pulse, pulse), across (window, pulse, parameter), pull (window, pulse); those of the parameters,
     summed over windows: hessian (parameter, parameter), gradient (parameter,).
@@ -106,10 +107,10 @@ class PulseResponse:
     def of(cls, at: Linearization, change: np.ndarray) -> PulseResponse:
         """From what a unit of each pulse adds to the outputs, (window, row, pulse), in units of the noise."""
         k = at.inflation
-        through = at.by_start.swapaxes(1, 2) @ change  # (window, state, pulse)
-        held = at.start_gain(k) @ through
-        to_start = at.by_start.swapaxes(1, 2) @ at.by_parameter
-        start_pull = (at.by_start.swapaxes(1, 2) @ at.residual[..., None])[..., 0] - k * at.z
+        through = at.by_initial.swapaxes(1, 2) @ change  # (window, state, pulse)
+        held = at.initial_gain(k) @ through
+        to_start = at.by_initial.swapaxes(1, 2) @ at.by_parameter
+        start_pull = (at.by_initial.swapaxes(1, 2) @ at.residual[..., None])[..., 0] - k * at.z
         turned = change.swapaxes(1, 2)
         hessian, gradient = at.normal(k)
         return cls(

@@ -1,7 +1,7 @@
 """How much would an effect explain, judged at null, before it is fitted?
 
-The sensitivities of the outputs to the effect's amplitudes are appended to those of the declared parameters; what
-the parameters and the starts can imitate is projected off; the step is kept within the ranges. What is left is the
+The sensitivities of the outputs to the effect's amplitudes are appended to those of the declared parameters; what the
+parameters and the initial states can imitate is projected off; the step is kept within the ranges. What is left is the
 decrease of the objective to be expected, to first order (a score test, Rao 1948, with the nuisances profiled out).
 """
 
@@ -27,7 +27,7 @@ class Score:
 
     amplitudes (amplitude,): the step, in units of the amplitudes' ranges. parameters (parameter,): that of the
     parameters with it, in the unit cube. unabsorbed: share of the effect's sensitivity (in norm) that parameters
-    and starts cannot imitate. response (row,): what the step adds to the outputs, after that projection.
+    and initial states cannot imitate. response (row,): what the step adds to the outputs, after that projection.
     """
 
     gain: float
@@ -95,6 +95,6 @@ def _imitation(hessian: np.ndarray, size: int, free: np.ndarray) -> np.ndarray:
 
 
 def _project(at: Linearization, sensitivity: np.ndarray, k: float) -> np.ndarray:
-    """The sensitivity (window, row, amplitude) less what the starts imitate of it."""
-    b = at.by_start
-    return sensitivity - b @ (at.start_gain(k) @ (b.swapaxes(1, 2) @ sensitivity))
+    """The sensitivity (window, row, amplitude) less what the initial states imitate of it."""
+    b = at.by_initial
+    return sensitivity - b @ (at.initial_gain(k) @ (b.swapaxes(1, 2) @ sensitivity))

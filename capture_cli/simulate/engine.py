@@ -18,7 +18,7 @@ from mujoco import _callbacks, batch
 from capture_cli.model.contacts import can_touch
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.mujoco_warnings import silence_mujoco
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.world import APPLIED, Force, World
 
 # Working memory of one chunk of simulations: controls and recorded sensors.
@@ -97,7 +97,7 @@ class Engine:
 
     def rollout(
         self,
-        starts: Starts,
+        initial: InitialStates,
         controls: np.ndarray,
         *,
         row: np.ndarray | None = None,
@@ -114,7 +114,7 @@ class Engine:
         A simulation in which MuJoCo warns of divergence is held from there on and marked.
         """
         self.on_work()
-        count = len(starts)
+        count = len(initial)
         row = np.arange(count) if row is None else row
         columns = slice(None) if keep.columns is None else keep.columns
         substeps = 1 if fields is None else fields.substeps
@@ -124,7 +124,7 @@ class Engine:
         size = self._chunk(controls.shape[1] * substeps)
         for first in range(0, count, size):
             rows = np.arange(first, min(count, first + size))
-            runner = self._prepare(rows, starts, fields)
+            runner = self._prepare(rows, initial, fields)
             own = controls[row[rows]]
             chunk, bad = _step(runner, rows, own, forces, fields_kept, substeps)
             chunk["sensordata"] = chunk["sensordata"][..., columns]
@@ -146,7 +146,7 @@ class Engine:
         row_bytes = 8 * steps * (self.model.nsensordata + self.model.nu + 1)
         return int(np.clip(CHUNK_BYTES // row_bytes, 1, CHUNK_SIMULATIONS))
 
-    def _prepare(self, rows: np.ndarray, starts: Starts, fields: ModelFields | None) -> batch.Batch:
+    def _prepare(self, rows: np.ndarray, initial: InitialStates, fields: ModelFields | None) -> batch.Batch:
         # A batch costs a millisecond and is made anew: values of an earlier call cannot leak into this one.
         runner = batch.Batch(self.model, len(rows), min(self.threads, len(rows)))
         runner._data = self._shapes  # which it would make for itself
@@ -157,11 +157,11 @@ class Engine:
                 runner.set_const()
         runner.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
         runner.warning[...] = 0
-        runner.bind("qpos")[...] = starts.qpos[rows]
-        runner.bind("qvel")[...] = starts.qvel[rows]
+        runner.bind("qpos")[...] = initial.qpos[rows]
+        runner.bind("qvel")[...] = initial.qvel[rows]
         if self.model.na:
-            runner.bind("act")[...] = starts.act[rows]
-        runner.bind("time")[...] = starts.time[rows]
+            runner.bind("act")[...] = initial.act[rows]
+        runner.bind("time")[...] = initial.time[rows]
         return runner
 
 

@@ -16,7 +16,7 @@ from capture_cli.model.effects.base import Effect
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.model.states import Starts, shift
+from capture_cli.model.states import InitialStates, shift
 from capture_cli.model.tasks.base import Task
 from capture_cli.model.world import Force
 from capture_cli.simulate.engine import Engine, Keep, Rollouts
@@ -55,14 +55,15 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Begun:
-    """Where simulations begin: starts (simulation,) and, there, hidden states of the effects, (simulation, state).
+class InitialConditions:
+    """Where simulations begin: their states (simulation,) and, there, hidden states of the effects, (simulation,
+    state).
 
     early (simulation,): s, before the window, where a sensor reports late. drift (simulation,): s, how much later than
     the window's start that is by the clock of the controls.
     """
 
-    starts: Starts
+    states: InitialStates
     hidden: np.ndarray
     early: np.ndarray
     drift: np.ndarray
@@ -70,16 +71,16 @@ class Begun:
 
 @dataclass(frozen=True)
 class _Runs:
-    """Simulations of the windows `row` (simulation,), each (simulation, parameter); starts are one per window.
+    """Simulations of the windows `row` (simulation,), each (simulation, parameter); initial states are one per window.
 
-    offsets (simulation, state), reported and logged are as for `Simulator.simulate`.
+    corrections (simulation, state), reported and logged are as for `Simulator.simulate`.
     """
 
     windows: Windows
-    starts: Starts
+    initial: InitialStates
     row: np.ndarray
     each: np.ndarray
-    offsets: np.ndarray | None
+    corrections: np.ndarray | None
     reported: ReportedMotion | None
     logged: bool = False
 
@@ -87,14 +88,14 @@ class _Runs:
     def at(
         cls,
         windows: Windows,
-        starts: Starts,
+        initial: InitialStates,
         point: np.ndarray,
-        offsets: np.ndarray | None,
+        corrections: np.ndarray | None,
         reported: ReportedMotion | None,
     ) -> _Runs:
         """One of every window, at one point (parameter,)."""
         each = np.repeat(point[None], len(windows), axis=0)
-        return cls(windows, starts, np.arange(len(windows)), each, offsets, reported)
+        return cls(windows, initial, np.arange(len(windows)), each, corrections, reported)
 
 
 @dataclass(frozen=True)
@@ -209,18 +210,18 @@ class Simulator:
     def simulate(
         self,
         windows: Windows,
-        starts: Starts,
+        initial: InitialStates,
         parameters: np.ndarray,
-        offsets: np.ndarray | None = None,
+        corrections: np.ndarray | None = None,
         reported: ReportedMotion | None = None,
         *,
         logged: bool = False,
     ) -> Simulated:
         """Simulate every window under every candidate.
 
-        starts: one per window. parameters (candidate, parameter). offsets (candidate, window, state): how far each
+        initial: one per window. parameters (candidate, parameter). corrections (candidate, window, state): how far each
         start is moved, in the tangent space of the state, and then what the effects' hidden states begin with; None
-        moves none. reported: what the starts were read off, where that was the sensors: the measurement effects
+        moves none. reported: what the initial states were read off, where that was the sensors: the measurement effects
         correct them. logged: the windows are what a logger has of whole episodes. It begins when the latest of the
         sensors reports the start; the machine is under its first inputs until then.
         What several candidates share, a window that they do not differ in, is simulated once.
@@ -231,14 +232,16 @@ class Simulator:
         diverged = np.zeros((candidates, len(windows)), dtype=bool)
         for group in _by_length(windows.grid_steps):
             part = windows.rows(group)
-            moved = None if offsets is None else offsets[:, group]
+            moved = None if corrections is None else corrections[:, group]
             motion = None if reported is None else reported.rows(group)
             candidate, row, which = _distinct(parameters, moved, len(group))
             steps = part.measured.shape[1]
             for few in self._at_a_time(row, part):
                 own = None if moved is None else moved[candidate[few], row[few]]
                 each = self._with_known(parameters[candidate[few]])
-                rollouts = self._rollout(_Runs(part, starts.rows(group), row[few], each, own, motion, logged))
+                rollouts = self._rollout(
+                    _Runs(part, initial.rows(group), row[few], each, own, motion, logged)
+                )
                 number, window = candidate[few], group[row[few]]
                 outputs[number, window, :steps] = part.sample(rollouts.sensors, row[few])
                 diverged[number, window] = rollouts.diverged
@@ -288,11 +291,13 @@ class Simulator:
         each = self._with_known(np.asarray(parameters, dtype=float))
         length = (task.grid_steps - 1) * task.timestep
         none = np.zeros(count)
-        begun = Begun(episodes.starts, hidden=np.zeros((count, self.hidden_states)), early=none, drift=none)
+        conditions = InitialConditions(
+            episodes.initial, hidden=np.zeros((count, self.hidden_states)), early=none, drift=none
+        )
         steps = task.grid_steps + self._steps_beyond(each, np.zeros(count), length)
         sequences = CachedSequences(episodes.inputs)
         drives = _Drives(sequences, np.arange(count), none.astype(int), steps, began=none)
-        rollouts = self._step(begun, drives, each)
+        rollouts = self._step(conditions, drives, each)
         self.rollouts += count
         points = np.rint(task.point_times / task.timestep).astype(int)
         return task.observe(rollouts.sensors[:, points]), rollouts.diverged
@@ -300,13 +305,13 @@ class Simulator:
     def motion(
         self,
         windows: Windows,
-        starts: Starts,
+        initial: InitialStates,
         point: np.ndarray,
-        offsets: np.ndarray | None = None,
+        corrections: np.ndarray | None = None,
         reported: ReportedMotion | None = None,
     ) -> Motion:
         """What happens inside every window at one point (parameter,); the rest is as for `simulate`."""
-        runs = _Runs.at(windows, starts, self._with_known(point[None])[0], offsets, reported)
+        runs = _Runs.at(windows, initial, self._with_known(point[None])[0], corrections, reported)
         rollouts = self._rollout(runs, keep_states=True)
         self.rollouts += len(windows)
         return Motion(
@@ -318,49 +323,51 @@ class Simulator:
             diverged=rollouts.diverged,
         )
 
-    def begun(
+    def initial_conditions(
         self,
         windows: Windows,
-        starts: Starts,
+        initial: InitialStates,
         point: np.ndarray,
-        offsets: np.ndarray,
+        corrections: np.ndarray,
         reported: ReportedMotion | None = None,
-    ) -> Begun:
+    ) -> InitialConditions:
         """Where the simulation of every window begins at one point (parameter,); the rest is as for `simulate`."""
-        return self._begun(_Runs.at(windows, starts, self._with_known(point[None])[0], offsets, reported))
+        return self._initial_conditions(
+            _Runs.at(windows, initial, self._with_known(point[None])[0], corrections, reported)
+        )
 
-    def _begun(self, runs: _Runs) -> Begun:
+    def _initial_conditions(self, runs: _Runs) -> InitialConditions:
         windows, row, each = runs.windows, runs.row, runs.each
-        starts = runs.starts.rows(row)
+        initial = runs.initial.rows(row)
         hidden = np.zeros((len(row), self.hidden_states))
-        if runs.offsets is not None:
-            starts = shift(self.task.model, starts, runs.offsets[:, : self._own_states])
-            hidden = runs.offsets[:, self._own_states :]
+        if runs.corrections is not None:
+            initial = shift(self.task.model, initial, runs.corrections[:, : self._own_states])
+            hidden = runs.corrections[:, self._own_states :]
         late = self._lateness(each, windows.elapsed[row])
         latest = late[:, self._sensors].max(axis=1, initial=0.0)
         early = latest * runs.logged
         if runs.reported is not None and (self._measures or self.substeps > 1):
             here = runs.reported.rows(row)
             early = latest * here.read
-            change = self._start_change(here, early[:, None] - late, each, windows.elapsed[row])
-            starts = shift(self.task.model, starts, change)
+            change = self._initial_change(here, early[:, None] - late, each, windows.elapsed[row])
+            initial = shift(self.task.model, initial, change)
         drift = self._drift(each, windows.elapsed[row]) - early
-        return Begun(replace(starts, time=starts.time + drift), hidden, early, drift)
+        return InitialConditions(replace(initial, time=initial.time + drift), hidden, early, drift)
 
     def _rollout(self, runs: _Runs, keep_states: bool = False) -> Rollouts:
         """Rollouts whose sensors are the outputs on the grid of the windows."""
         windows, row, each = runs.windows, runs.row, runs.each
-        begun, length = self._begun(runs), windows.grid * windows.timestep
+        conditions, length = self._initial_conditions(runs), windows.grid * windows.timestep
         drives = _Drives(
             windows.sequences,
             row,
             windows.known_lead[row],
-            windows.grid + self._steps_beyond(each, windows.elapsed[row], length, begun.early),
+            windows.grid + self._steps_beyond(each, windows.elapsed[row], length, conditions.early),
             began=(windows.time - windows.elapsed)[row],
             first=None if windows.first is None else windows.first[row],
         )
-        rollouts = self._step(begun, drives, each, keep_states=keep_states)
-        return _from(rollouts, begun.early / windows.timestep) if begun.early.any() else rollouts
+        rollouts = self._step(conditions, drives, each, keep_states=keep_states)
+        return _from(rollouts, conditions.early / windows.timestep) if conditions.early.any() else rollouts
 
     def _steps_beyond(
         self, each: np.ndarray, elapsed: np.ndarray, length: float, early: np.ndarray | float = 0.0
@@ -378,15 +385,15 @@ class Simulator:
         return int(np.ceil(np.max(more, initial=0.0) / self.task.timestep))
 
     def _step(
-        self, begun: Begun, drives: _Drives, each: np.ndarray, *, keep_states: bool = False
+        self, conditions: InitialConditions, drives: _Drives, each: np.ndarray, *, keep_states: bool = False
     ) -> Rollouts:
         """Rollouts whose sensors are the outputs on the grid, from where they begin; each (simulation, parameter)."""
-        starts, hidden, first = begun.starts, begun.hidden, drives.first
-        elapsed = starts.time - drives.began
-        controls, row = self._drive(drives, each, begun, elapsed)
+        initial, hidden, first = conditions.states, conditions.hidden, drives.first
+        elapsed = initial.time - drives.began
+        controls, row = self._drive(drives, each, conditions, elapsed)
         measures = self._measures
         rollouts = self.engine.rollout(
-            starts,
+            initial,
             controls,
             row=row,
             fields=self._fields(each),
@@ -422,10 +429,10 @@ class Simulator:
         none = np.zeros((len(each), self.task.model.nsensordata))
         return [none + own.effect.lateness(each[:, own.parameters], elapsed) for own in self._placed]
 
-    def _start_change(
+    def _initial_change(
         self, reported: ReportedMotion, before: np.ndarray, each: np.ndarray, elapsed: np.ndarray
     ) -> np.ndarray:
-        """How far starts are from where the sensors showed them where windows begin, (simulation, state).
+        """How far initial states are from where the sensors showed them where windows begin, (simulation, state).
 
         before (simulation, column): s, before that, that what was so at a start was reported. elapsed (simulation,): s,
         since the episode began.
@@ -433,7 +440,7 @@ class Simulator:
         true = reported.at(before)
         for own in reversed(self._placed):
             true = own.effect.true_motion(true, each[:, own.parameters], elapsed)
-        return reported.start_change(true, self._own_states, self.substeps)
+        return reported.initial_change(true, self._own_states, self.substeps)
 
     def _fields(self, each: np.ndarray) -> ModelFields:
         fields = ModelFields(self.task.model, len(each))
@@ -466,7 +473,7 @@ class Simulator:
         return sum((own.effect.drift(each[:, own.parameters], elapsed) for own in self._placed), none)
 
     def _drive(
-        self, drives: _Drives, each: np.ndarray, begun: Begun, elapsed: np.ndarray
+        self, drives: _Drives, each: np.ndarray, conditions: InitialConditions, elapsed: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Controls (simulation or row, steps, nu) as the actuators receive them, and which of them are whose."""
         acting = [
@@ -474,20 +481,20 @@ class Simulator:
         ]
         sequences, lead, steps = drives.sequences, drives.sequences.lead, drives.steps
         used, row = np.unique(drives.row, return_inverse=True)
-        if not acting and not begun.drift.any() and steps <= sequences.stop:
+        if not acting and not conditions.drift.any() and steps <= sequences.stop:
             return self.task.controls(sequences.inputs(used, 0, steps)), row
         memory = sum(effect.memory(values) for effect, values in acting)
         # one step at least: what came first is taken to have been for ever
         past = max(min(int(np.ceil(memory / self.task.timestep)), lead), 1)
         since = elapsed - past * self.task.timestep
-        at = begun.drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
+        at = conditions.drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
         reached = np.clip(at, 0, lead + sequences.stop - 1)
         begin, stop = int(reached.min()), min(int(reached.max()) + 2, lead + sequences.stop)
         controls = self.task.controls(sequences.inputs(used, begin - lead, stop - lead))
         reached -= begin
         controls = _between(controls, row, reached)
         unknown = at < lead - drives.known[:, None]
-        controls += unknown[..., None] * self._before(begun.hidden)[:, None]
+        controls += unknown[..., None] * self._before(conditions.hidden)[:, None]
         for effect, values in acting:
             controls = effect.drive(controls, values, self.task.timestep, elapsed=since, first=drives.first)
         return controls[:, past:], np.arange(len(each))
@@ -516,15 +523,15 @@ def _from(rollouts: Rollouts, steps: np.ndarray) -> Rollouts:
 
 
 def _distinct(
-    parameters: np.ndarray, offsets: np.ndarray | None, windows: int
+    parameters: np.ndarray, corrections: np.ndarray | None, windows: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Candidate and window of the simulations that differ, (simulation,) each, and which of them is meant where,
-    (candidate, window). parameters (candidate, parameter); offsets (candidate, window, state), or None.
+    (candidate, window). parameters (candidate, parameter); corrections (candidate, window, state), or None.
     """
     number, window = (i.ravel() for i in np.indices((len(parameters), windows)))
     asked = [window[:, None], parameters[number]]
-    if offsets is not None:
-        asked.append(offsets.reshape(len(number), -1))
+    if corrections is not None:
+        asked.append(corrections.reshape(len(number), -1))
     rows = np.concatenate(asked, axis=1)
     keys = rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
     _, first, which = np.unique(keys, return_index=True, return_inverse=True)

@@ -151,10 +151,10 @@ class _Search:
         return self._by_physics(prepared, start, before)
 
     def _by_physics(self, prepared: PreparedLog, start: np.ndarray, before: Found | None) -> Found:
-        offsets = None
+        corrections = None
         if before is not None:
             start, fitted = before.best.parameters, prepared.part(~prepared.split.is_test)
-            offsets = fitted.offsets_from(before.part, before.best.offsets)
+            corrections = fitted.corrections_from(before.part, before.best.corrections)
         fits, starts = ModelFits(prepared, self.options.threads), self.options.starts
         if self.earlier is not None:
             starts = 1
@@ -166,7 +166,7 @@ class _Search:
             starts=starts,
             rounds=ESTIMATION.rounds if self.options.rounds is None else self.options.rounds,
         )
-        found = by_physics(fits, start, self.progress, descents, offsets)
+        found = by_physics(fits, start, self.progress, descents, corrections)
         if before is not None:
             found.history = [*before.history, *found.history]
         if self.options.rounds is not None or self.chosen.method is not LeastSquares:

@@ -13,7 +13,7 @@ import numpy as np
 from capture_cli.common.frozen import frozen
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError
-from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.estimate.initial_states.from_outputs import model_initial_states
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.options.base import takes_options
@@ -183,7 +183,7 @@ def _multisine(
         time=np.tile(time, len(chosen)),
         inputs=np.concatenate(sequences[chosen]),
         ends=len(time) * (1 + np.arange(len(chosen))),
-        starts=model_starts(task.model, len(chosen)).starts,
+        initial=model_initial_states(task.model, len(chosen)).states,
     )
     cure = "drive it less: --amplitude NAME=VALUE"
     at, gains, expected = _most_telling(task, driven, known, threads, cure)

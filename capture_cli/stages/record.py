@@ -192,10 +192,10 @@ def _simulate(simulator: Simulator, driven: Drive, point: np.ndarray) -> np.ndar
     samples = Log(time, np.zeros((len(time), len(machine.outputs))), episodes, driven.inputs)
     windows = cut(samples, None, machine.timestep, machine.linear, has_gaps=False)
     try:
-        starts = replace(driven.starts, time=windows.time)
+        initial = replace(driven.initial, time=windows.time)
         # an action says where the machine is when the log begins
         logged = not isinstance(machine, ActionTask)
-        simulated = simulator.simulate(windows, starts, point[None], logged=logged)
+        simulated = simulator.simulate(windows, initial, point[None], logged=logged)
     except SimulationError as error:
         raise _not_simulated(simulator, point, f"MuJoCo does not simulate that: {error}") from error
     if simulated.diverged.any():

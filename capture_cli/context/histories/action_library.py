@@ -20,7 +20,7 @@ from capture_cli.log.input_sequences import LoggedInputs
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import Windows
 from capture_cli.model.model_hash import is_of_another
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks.base import Task
 from capture_cli.model.tasks.sequence_task import SequenceTask, actions_of, resample
 from capture_cli.simulate.multisine import SETTINGS as MULTISINE
@@ -106,7 +106,7 @@ class Multisines:
         first = generator.integers(0, len(time) - steps, len(episode))
         points = first[:, None] + np.rint(point_times / machine.timestep).astype(int)
         count = len(episode)
-        starts = Starts(
+        initial = InitialStates(
             rollouts.qpos[episode, first],
             rollouts.qvel[episode, first],
             np.zeros((count, machine.model.na)),
@@ -115,7 +115,7 @@ class Multisines:
         driven = inputs[episode[:, None], first[:, None] + np.arange(steps)]
         outputs = rollouts.sensors[episode[:, None], points][..., [c.index for c in machine.outputs]]
         sequences = into_range(machine, resample(driven, machine.timestep, point_times))
-        return Sequences(actions_of(starts, sequences), outputs)
+        return Sequences(actions_of(initial, sequences), outputs)
 
 
 def sequence_task(
@@ -227,8 +227,8 @@ def log_sequences(prepared: PreparedLog, point_times: np.ndarray) -> Sequences:
             cure="record longer, hold out less (--test), or make histories with a shorter --window",
         )
     sequences = resample(np.stack(inputs), task.timestep, point_times)
-    starts = prepared.starts.starts.rows(whole)
-    return Sequences(actions_of(starts, sequences), np.stack(outputs), len(windows) - len(whole))
+    initial = prepared.initial.states.rows(whole)
+    return Sequences(actions_of(initial, sequences), np.stack(outputs), len(windows) - len(whole))
 
 
 def _stops(windows: Windows) -> np.ndarray:

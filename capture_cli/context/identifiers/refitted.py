@@ -54,7 +54,9 @@ class Refitted(RoundIdentifier):
                 self._best[pair] = fit.best.parameters
 
     def _fit(self, pair: int, measured: np.ndarray) -> Identifier:
-        """A fit to measured (episode, point, feature); there are no starts to refine: an action fixes its own."""
+        """A fit to measured (episode, point, feature); there are no initial states to refine: an action fixes its
+        own.
+        """
         data = Data(
             self.space,
             measured,

@@ -120,7 +120,7 @@ class TableAirHockey(Scene):
             action[:2] = mallet
         model, data = self.sim.model._model, self.sim.data._data
         self._write(model, space.to_vector(named, default=drawn))
-        data.qpos[self._qpos] = self.plant.episodes(action[None]).starts.qpos[0]
+        data.qpos[self._qpos] = self.plant.episodes(action[None]).initial.qpos[0]
         self.mallet_velocity = np.zeros(2)
         mujoco.mj_forward(model, data)
         self._hold()

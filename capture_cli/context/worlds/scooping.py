@@ -100,7 +100,7 @@ class ObjectScooping(Scene):
         model, data = self.sim.model._model, self.sim.data._data
         model.body("rod").ipos[0] = SCOOPING.half_length * com
         mujoco.mj_setConst(model, mujoco.MjData(model))
-        data.qpos[self._measured] = self.plant.episodes(np.array([[scoop_point]])).starts.qpos[0]
+        data.qpos[self._measured] = self.plant.episodes(np.array([[scoop_point]])).initial.qpos[0]
         self.spatula_target = self.outputs[3:]
         mujoco.mj_forward(model, data)
         self._hold()

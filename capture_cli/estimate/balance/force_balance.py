@@ -8,7 +8,8 @@ which is the missing generalised force over the inertia. In accelerations "no in
 it is of M a = f where all inertias are open. A declared parameter and an effect each add a column, the derivative of r,
 taken from their own laws: fields of the model, forces, controls, and, for sensors, the motion that they would have
 reported wrongly. An inertia's column has the predicted acceleration, not the measured one, whose noise would bias it
-(an instrument, Janot et al. 2014). Nothing is simulated over time: no windows, no starts, no local minima in the state.
+(an instrument, Janot et al. 2014). Nothing is simulated over time: no windows, no initial states, no local minima in
+the state.
 """
 
 from __future__ import annotations

@@ -11,13 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from capture_cli.estimate.initial_states.from_outputs import Places, estimate_starts, model_starts
+from capture_cli.estimate.initial_states.from_outputs import (
+    Places,
+    estimated_initial_states,
+    model_initial_states,
+)
 from capture_cli.estimate.log_windows import clock, clocked
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import Windows
 from capture_cli.model.coordinate_sources import measured_states
 from capture_cli.model.fields import ModelFields
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks.base import Task
 from capture_cli.simulate.engine import Engine, Keep, Rollouts
 
@@ -28,22 +32,22 @@ def followed_motion(
     """Rollouts, with states, of the nominal model through `whole` episodes, whose inputs are the log's.
 
     Those of shorter episodes stay where they end.
-    data, noise_sd (output,): as of `estimate_starts`.
+    data, noise_sd (output,): as of `estimated_initial_states`.
     """
     model = task.model
     first, at = _places(log, whole, task.timestep)
-    read = estimate_starts(
+    read = estimated_initial_states(
         model,
         data,
         Places(clocked(log), first.ravel(), np.repeat(whole.episode, first.shape[1])),
         noise_sd,
-    ).starts
+    ).states
     controls = task.controls(whole.controls)
     count, steps = len(whole), int(whole.grid_steps.max())
     engine, fields = Engine(model, threads), ModelFields(model, count)
     task.write(fields, np.repeat(task.space.nominal[None], count, axis=0))
     places = measured_states(model, data)
-    states = model_starts(model, count).starts
+    states = model_initial_states(model, count).states
     paths = [np.zeros((count, steps, size)) for size in (model.nq, model.nv, model.na)]
     diverged = np.zeros(count, dtype=bool)
     number = np.arange(count)
@@ -59,7 +63,7 @@ def followed_motion(
         reached = (found.qpos, found.qvel, found.act)
         for path, new in zip(paths, reached, strict=True):
             path[number[:, None], ahead] = new
-        states = Starts(*(new[number, end - begin] for new in reached), np.zeros(count))
+        states = InitialStates(*(new[number, end - begin] for new in reached), np.zeros(count))
     for path in paths:
         for episode, end in enumerate(whole.grid_steps):
             path[episode, end:] = path[episode, end - 1]
@@ -82,7 +86,7 @@ def _places(log: MeasuredLog, whole: Windows, timestep: float) -> tuple[np.ndarr
     return first, np.minimum(np.hstack([at, whole.grid_steps[:, None] - 1]), whole.grid_steps[:, None] - 1)
 
 
-def _set(states: Starts, read: Starts, qpos: np.ndarray, qvel: np.ndarray) -> Starts:
+def _set(states: InitialStates, read: InitialStates, qpos: np.ndarray, qvel: np.ndarray) -> InitialStates:
     """`states` with the positions `qpos` and velocities `qvel` (indices) that were `read`."""
     positions, velocities = states.qpos.copy(), states.qvel.copy()
     positions[:, qpos], velocities[:, qvel] = read.qpos[:, qpos], read.qvel[:, qvel]

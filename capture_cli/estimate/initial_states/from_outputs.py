@@ -24,7 +24,7 @@ from capture_cli.log.reported_motion import SETTINGS as REPORTED_MOTION
 from capture_cli.log.reported_motion import ReportedMotion, extended
 from capture_cli.model.coordinate_sources import Source, sources_of
 from capture_cli.model.loop_closure import LoopClosure, MeasuredPositions
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.simulate.engine import Rollouts
 
 
@@ -40,23 +40,24 @@ class SETTINGS:
 
 
 @dataclass(frozen=True)
-class StartEstimate:
-    """Starts (one per window) and the standard deviation of each tangent coordinate, (window, state).
+class InitialStateEstimate:
+    """Initial states (one per window) and the standard deviation of each tangent coordinate, (window, state).
 
     The state is (positions (nv), velocities (nv), activations (na)); positions are in the tangent space, so that
     quaternions are moved by a rotation vector. reported: the motion that the sensors showed there; None where the
-    starts come from elsewhere. open_loops: equality constraints that the outputs contradict, as `left_open` has them.
+    initial states come from elsewhere. open_loops: equality constraints that the outputs contradict, as `left_open` has
+    them.
     """
 
-    starts: Starts
+    states: InitialStates
     sd: np.ndarray
     reported: ReportedMotion | None = None
     open_loops: Mapping[str, float] = field(default_factory=dict)
 
-    def rows(self, keep) -> StartEstimate:
+    def rows(self, keep) -> InitialStateEstimate:
         """Those of the windows at `keep`."""
         reported = None if self.reported is None else self.reported.rows(keep)
-        return StartEstimate(self.starts.rows(keep), self.sd[keep], reported, self.open_loops)
+        return InitialStateEstimate(self.states.rows(keep), self.sd[keep], reported, self.open_loops)
 
 
 @dataclass(frozen=True)
@@ -88,15 +89,15 @@ class _Outputs:
         return values
 
 
-def estimate_starts(
+def estimated_initial_states(
     model: mujoco.MjModel,
     data: Sequence[int],
     places: Places,
     noise_sd: np.ndarray,
     *,
-    unmeasured: StartEstimate | None = None,
+    unmeasured: InitialStateEstimate | None = None,
     slack: np.ndarray | None = None,
-) -> StartEstimate:
+) -> InitialStateEstimate:
     """Initial state of every window.
 
     data (output,): which number of sensordata each output is; -1 of one that is not to be believed.
@@ -105,8 +106,8 @@ def estimate_starts(
     slack: how far equality constraints give way, as for LoopClosure.
     """
     count, nv, sampled = len(places.first), model.nv, places.log.sampled
-    believed = unmeasured or model_starts(model, count)
-    qpos, qvel, act = (a.copy() for a in (believed.starts.qpos, believed.starts.qvel, believed.starts.act))
+    believed = unmeasured or model_initial_states(model, count)
+    qpos, qvel, act = (a.copy() for a in (believed.states.qpos, believed.states.qvel, believed.states.act))
     sd = believed.sd.copy()
     measured = _Outputs(places.log.outputs, sampled, noise_sd)
     # of two that give a coordinate the last has the say: one that is not sparse
@@ -123,14 +124,14 @@ def estimate_starts(
         if source.kind == "orientation":
             fit, qpos[:, list(source.qpos)] = _turning(knots, measured, source)
         else:
-            fit = at_starts = every.rows(slice(None, None, knots.count))
+            fit = at_initial = every.rows(slice(None, None, knots.count))
             if source.weights is not None:
                 fit = fit.mixed(source.weights)
             if source.kind == "position":
                 qpos[:, list(source.qpos)] = fit.value + source.constant
         if source.kind == "velocity":
             qvel[:, dofs] = fit.value
-            beyond = _beyond_range(source, measured, at_starts.value)
+            beyond = _beyond_range(source, measured, at_initial.value)
             sd[:, nv + dofs] = np.hypot(SETTINGS.prior_inflation * fit.value_sd, beyond)
             continue
         sd[:, dofs] = SETTINGS.prior_inflation * fit.value_sd
@@ -140,14 +141,14 @@ def estimate_starts(
             velocity[:, new],
             SETTINGS.prior_inflation * velocity_sd[:, new],
         )
-    starts = Starts(qpos, qvel, act, places.log.time[places.first].astype(float))
+    initial = InitialStates(qpos, qvel, act, places.log.time[places.first].astype(float))
     open_loops: Mapping[str, float] = {}
     if model.neq:
-        starts, sd, open_loops = _closed(LoopClosure(model, slack), starts, sd, sources, measured, places)
+        initial, sd, open_loops = _closed(LoopClosure(model, slack), initial, sd, sources, measured, places)
     reported = _reported(
         extended(path, knots.before, knots.known), knots.before, sources, measured_velocity, nv, lag
     )
-    return StartEstimate(starts, sd, reported, open_loops)
+    return InitialStateEstimate(initial, sd, reported, open_loops)
 
 
 def _beyond_range(source: Source, measured: _Outputs, value: np.ndarray) -> np.ndarray:
@@ -169,11 +170,11 @@ def _velocity(fit: LocalMotion, lag: float, source: Source) -> tuple[np.ndarray,
 
 
 def _turning(knots: _Knots, measured: _Outputs, source: Source) -> tuple[LocalMotion, np.ndarray]:
-    """At the starts, of an orientation: the motion of its rotation vector, and the quaternion, (window, 4)."""
+    """At the initial states, of an orientation: the motion of its rotation vector, and the quaternion, (window, 4)."""
     columns = list(source.columns)
-    at_starts = knots.around(measured.sampled[:, columns[0]]).rows(slice(None, None, knots.count))
-    quaternions = source.of(measured.values[at_starts.index][..., columns])
-    rotation, near = rotations(quaternions, at_starts)
+    at_initial = knots.around(measured.sampled[:, columns[0]]).rows(slice(None, None, knots.count))
+    quaternions = source.of(measured.values[at_initial.index][..., columns])
+    rotation, near = rotations(quaternions, at_initial)
     fit = local_motion(near, rotation, source.noise(measured.noise_sd))
     return fit, turned(quaternions[:, LOCAL_MOTION.half_widths[-1]], fit.value)
 
@@ -190,13 +191,13 @@ def _motion(knots: _Knots, measured: _Outputs, columns: list[int]) -> LocalMotio
 
 def _closed(
     loops: LoopClosure,
-    starts: Starts,
+    initial: InitialStates,
     sd: np.ndarray,
     sources: Sequence[Source],
     measured: _Outputs,
     places: Places,
-) -> tuple[Starts, np.ndarray, Mapping[str, float]]:
-    """Starts and their sd (window, state) that satisfy the model's equality constraints, and those that outputs
+) -> tuple[InitialStates, np.ndarray, Mapping[str, float]]:
+    """Initial states and their sd (window, state) that satisfy the model's equality constraints, and those that outputs
     contradict.
     """
     positions = [s for s in sources if s.kind != "velocity"]
@@ -206,16 +207,16 @@ def _closed(
     outputs = measured.between_samples(places.log)
     coordinates = np.hstack([outputs[:, :0], *(s.of(outputs[:, list(s.columns)]) for s in positions)])
     known = np.concatenate([s.noise(measured.noise_sd) for s in positions] or [np.zeros(0)])
-    begin = model_starts(loops.model, 1).starts.qpos[0]
-    followed = np.zeros_like(starts.qpos)
+    begin = model_initial_states(loops.model, 1).states.qpos[0]
+    followed = np.zeros_like(initial.qpos)
     for number, steps in enumerate(places.log.episodes):
         own = places.episode == number
         at = places.first[own] - steps.start
         logged = MeasuredPositions(coordinates[steps], qpos, dofs, known)
         followed[own] = loops.follow(places.log.time[steps], logged, begin, at)
-    at_starts = MeasuredPositions(coordinates[places.first], qpos, dofs, known)
-    open_loops = loops.left_open(followed, at_starts)
-    return *loops.close(starts, sd, followed), open_loops
+    at_initial = MeasuredPositions(coordinates[places.first], qpos, dofs, known)
+    open_loops = loops.left_open(followed, at_initial)
+    return *loops.close(initial, sd, followed), open_loops
 
 
 @dataclass(frozen=True)
@@ -311,62 +312,68 @@ def _reported(
     )
 
 
-def model_starts(model: mujoco.MjModel, count: int) -> StartEstimate:
+def model_initial_states(model: mujoco.MjModel, count: int) -> InitialStateEstimate:
     """The model's own initial state (its first keyframe if it has one), `count` times, taken as known."""
     qpos = model.key_qpos[0] if model.nkey else model.qpos0
     qvel = model.key_qvel[0] if model.nkey else np.zeros(model.nv)
     act = model.key_act[0] if model.nkey else np.zeros(model.na)
-    starts = Starts(*(np.repeat(a[None], count, axis=0) for a in (qpos, qvel, act)), np.zeros(count))
-    return StartEstimate(starts, np.zeros((count, 2 * model.nv + model.na)))
+    initial = InitialStates(*(np.repeat(a[None], count, axis=0) for a in (qpos, qvel, act)), np.zeros(count))
+    return InitialStateEstimate(initial, np.zeros((count, 2 * model.nv + model.na)))
 
 
-def known_starts(
-    model: mujoco.MjModel, data: Sequence[int], starts: Starts, noise_sd: np.ndarray
-) -> StartEstimate:
-    """Starts that somebody knows, but for positions that outputs measure: those are as good as a few of their samples.
+def known_initial(
+    model: mujoco.MjModel, data: Sequence[int], initial: InitialStates, noise_sd: np.ndarray
+) -> InitialStateEstimate:
+    """Initial states that somebody knows, but for positions that outputs measure: those are as good as a few of their
+    samples.
 
-    data, noise_sd (output,) as in `estimate_starts`.
+    data, noise_sd (output,) as in `estimated_initial_states`.
     """
-    sd = np.zeros((len(starts), 2 * model.nv + model.na))
+    sd = np.zeros((len(initial), 2 * model.nv + model.na))
     for source in sources_of(model, data):
         if source.kind != "velocity":
             sd[:, list(source.dofs)] = SETTINGS.prior_inflation * source.noise(noise_sd)
-    return StartEstimate(starts, sd)
+    return InitialStateEstimate(initial, sd)
 
 
-def with_known(read: StartEstimate, known: StartEstimate, which: np.ndarray) -> StartEstimate:
-    """Starts that were read off a log, but those that are `known` at `which` (window,)."""
+def with_known(
+    read: InitialStateEstimate, known: InitialStateEstimate, which: np.ndarray
+) -> InitialStateEstimate:
+    """Initial states that were read off a log, but those that are `known` at `which` (window,)."""
     rows = which[:, None]
     qpos, qvel, act = (
-        np.where(rows, getattr(known.starts, name), getattr(read.starts, name))
+        np.where(rows, getattr(known.states, name), getattr(read.states, name))
         for name in ("qpos", "qvel", "act")
     )
     reported = None if read.reported is None else replace(read.reported, read=~which)
-    return StartEstimate(
-        replace(read.starts, qpos=qpos, qvel=qvel, act=act),
+    return InitialStateEstimate(
+        replace(read.states, qpos=qpos, qvel=qvel, act=act),
         np.where(rows, known.sd, read.sd),
         reported,
         read.open_loops,
     )
 
 
-def states_of(whole: Rollouts, episode: np.ndarray, step: np.ndarray) -> Starts:
+def states_of(whole: Rollouts, episode: np.ndarray, step: np.ndarray) -> InitialStates:
     """The states of simulations with states at `step` (window,) of `episode` (window,), at time 0."""
     states = (whole.qpos, whole.qvel, whole.act)
-    return Starts(*(values[episode, step] for values in states), np.zeros(len(episode)))
+    return InitialStates(*(values[episode, step] for values in states), np.zeros(len(episode)))
 
 
-def from_episodes(model: mujoco.MjModel, whole: Rollouts, *, window_episode, window_step) -> StartEstimate:
-    """Starts of windows from simulations of `whole` episodes, with their states. window_step (window,): on their grid.
+def from_episodes(
+    model: mujoco.MjModel, whole: Rollouts, *, window_episode, window_step
+) -> InitialStateEstimate:
+    """Initial states of windows from simulations of `whole` episodes, with their states. window_step (window,): on
+    their grid.
 
     The standard deviation of each coordinate is `unmeasured_motion` times that of its motion over the episode.
     """
     qpos, qvel, act = whole.qpos, whole.qvel, whole.act
-    starts = states_of(whole, window_episode, window_step)
+    initial = states_of(whole, window_episode, window_step)
     moved = _since_the_first(model, qpos)
     motion = np.concatenate([states.std(axis=1) for states in (moved, qvel, act)], axis=1)
     motion[motion < SETTINGS.still] = 0.0
-    return StartEstimate(starts, SETTINGS.unmeasured_motion * motion[window_episode])
+    return InitialStateEstimate(initial, SETTINGS.unmeasured_motion * motion[window_episode])
 
 
 def _since_the_first(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:

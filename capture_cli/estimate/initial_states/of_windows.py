@@ -11,11 +11,11 @@ import numpy as np
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.estimate.initial_states.followed_motion import followed_motion
 from capture_cli.estimate.initial_states.from_outputs import (
+    InitialStateEstimate,
     Places,
-    StartEstimate,
-    estimate_starts,
+    estimated_initial_states,
     from_episodes,
-    known_starts,
+    known_initial,
     with_known,
 )
 from capture_cli.estimate.initial_states.nominal_motion import nominal_motion
@@ -34,25 +34,25 @@ from capture_cli.simulate.engine import Engine, Keep, Rollouts
 from capture_cli.simulate.simulator import Simulator
 
 
-def log_starts(
+def log_initial_states(
     log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor, threads: int | None
-) -> StartEstimate:
+) -> InitialStateEstimate:
     """Where every window starts: where its action says, if it begins an episode of one; else what the outputs say."""
     data = readable(task)
     acted = begins_by_action(log, task, windows)
     if acted.any():
-        starts = task.episodes(log.actions[windows.episode]).starts
-        known = known_starts(task.model, data, replace(starts, time=windows.time), noise.sd)
+        initial = task.episodes(log.actions[windows.episode]).initial
+        known = known_initial(task.model, data, replace(initial, time=windows.time), noise.sd)
         if acted.all():
             return known
     all_measured = measures_every_coordinate(task.model, data)
-    believed: Sequence[StartEstimate | None] = [None]
+    believed: Sequence[InitialStateEstimate | None] = [None]
     slack = None
     if task.model.neq or not all_measured:
         simulated, slack = _of_whole_episodes(log, task, windows, noise, threads)
         believed = believed if all_measured else simulated
     reads = [
-        estimate_starts(
+        estimated_initial_states(
             task.model,
             data,
             Places(clocked(log), windows.first, windows.episode),
@@ -67,20 +67,24 @@ def log_starts(
 
 
 def _nearest(
-    task: Task, windows: Windows, noise: NoiseFloor, reads: Sequence[StartEstimate], threads: int | None
-) -> StartEstimate:
-    """The one of `reads` of the windows' starts from which the nominal model comes nearest to the log; the first of
-    those that come as near.
+    task: Task,
+    windows: Windows,
+    noise: NoiseFloor,
+    reads: Sequence[InitialStateEstimate],
+    threads: int | None,
+) -> InitialStateEstimate:
+    """The one of `reads` of the windows' initial states from which the nominal model comes nearest to the log; the
+    first of those that come as near.
     """
     if len(reads) == 1:
         return reads[0]
-    # windows, evenly spread, that tell which of several ways to read starts is nearer to the log
+    # windows, evenly spread, that tell which of several ways to read initial states is nearer to the log
     judged = 40
     some = evenly_spread(len(windows), judged)
     own, simulator = windows.rows(some), Simulator(task, threads=threads)
 
-    def distance(read: StartEstimate) -> float:
-        found = simulator.simulate(own, read.starts.rows(some), task.space.nominal)
+    def distance(read: InitialStateEstimate) -> float:
+        found = simulator.simulate(own, read.states.rows(some), task.space.nominal)
         outputs = aligned(found.outputs[0], own.measured, attitudes(task))
         squares = np.where(own.sampled, np.square((outputs - own.measured) / noise.sd), 0.0).sum(axis=(1, 2))
         return float(np.median(np.where(found.diverged[0], np.inf, squares / own.sampled.sum(axis=(1, 2)))))
@@ -109,10 +113,10 @@ def begins_by_action(log: MeasuredLog, task: Task, windows: Windows) -> np.ndarr
 
 
 def as_acted(prepared: PreparedLog) -> PreparedLog:
-    """With no doubt about starts that an action says."""
+    """With no doubt about initial states that an action says."""
     acted = begins_by_action(prepared.log, prepared.task, prepared.windows)
-    sd = np.where(acted[:, None], 0.0, prepared.starts.sd)
-    return replace(prepared, starts=replace(prepared.starts, sd=sd))
+    sd = np.where(acted[:, None], 0.0, prepared.initial.sd)
+    return replace(prepared, initial=replace(prepared.initial, sd=sd))
 
 
 def begins_as_acted(prepared: PreparedLog) -> bool:
@@ -127,7 +131,7 @@ def begins_as_acted(prepared: PreparedLog) -> bool:
     if not acted.any():
         return False
     said = Engine(task.model).rollout(
-        prepared.starts.starts.rows(acted),
+        prepared.initial.states.rows(acted),
         task.controls(windows.rows(acted).controls)[:, :1],
         keep=Keep(columns=np.array([c.index for c in task.outputs])),
     )
@@ -139,7 +143,7 @@ def begins_as_acted(prepared: PreparedLog) -> bool:
 
 def _of_whole_episodes(
     log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor, threads: int | None
-) -> tuple[list[StartEstimate], np.ndarray | None]:
+) -> tuple[list[InitialStateEstimate], np.ndarray | None]:
     """What the nominal model shows in whole episodes: what the coordinates do that no output measures, and how far
     equality constraints give way (2, row); None where there are none or all simulations diverge.
 

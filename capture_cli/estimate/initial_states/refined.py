@@ -1,4 +1,4 @@
-"""The starts of windows fitted alone, the parameters held: Levenberg-Marquardt in every window at once.
+"""The initial states of windows fitted alone, the parameters held: Levenberg-Marquardt in every window at once.
 
 Without parameters the objective is a sum over windows that share nothing but k. Each has a damping of its own (Nocedal
 & Wright, Numerical Optimization, 2nd ed., section 10.3), and one that has settled is not simulated again.
@@ -29,7 +29,7 @@ class SETTINGS:
     descents: int = 4  # of the initial states that a window may have, that are descended from
     searches: int = 2  # times that other initial states are looked for
     axis_shares: tuple[float, ...] = (-1.0, -0.3, 0.3, 1.0)  # of a state's sd, by which it alone is moved
-    drawn: int = 16  # places where they are, drawn from what is known of starts beforehand
+    drawn: int = 16  # places where they are, drawn from what is known of initial states beforehand
     # Where contacts make the error jump no slope leads to the bottom: so many places are drawn, and then so
     # often so many about the best of them, each time nearer by that factor.
     drawn_if_rough: int = 128
@@ -45,32 +45,32 @@ NO_PARAMETERS = np.zeros(0)
 EvaluateWindows = Callable[[np.ndarray, Trial], tuple[np.ndarray, np.ndarray]]
 
 
-def fit_starts(
+def fit_initial_states(
     data: Data,
     evaluate: EvaluateWindows,
-    offsets: np.ndarray,
+    corrections: np.ndarray,
     *,
     tolerance: float,
     also: np.ndarray | None = None,
     thorough: bool = False,
 ) -> Linearization:
-    """The linearization where starts near `offsets` (window, state), or near those in `also`, are the best.
+    """The linearization where initial states near `corrections` (window, state), or near those in `also`, are the best.
 
     The data has no parameters. tolerance: of the objective over k, summed over windows. thorough: whether windows
     that stand out after all get other initial states, one state after the other.
     """
-    found = _settled(data, evaluate, offsets, tolerance)
+    found = _settled(data, evaluate, corrections, tolerance)
     if also is not None:
         found = _or_from(found, evaluate, also[None], tolerance, found.inflation)
     generator, searched = np.random.default_rng(0), np.zeros(0, dtype=int)
     drawn = generator.standard_normal(
-        (SETTINGS.drawn_if_rough if data.rough else SETTINGS.drawn, offsets.shape[1])
+        (SETTINGS.drawn_if_rough if data.rough else SETTINGS.drawn, corrections.shape[1])
     )
     for _ in range(SETTINGS.searches):
         stuck = data.standing_out(found.residual)
         if not data.rough:  # there the draws about the best are others each time
             stuck, searched = np.setdiff1d(stuck, searched), np.union1d(stuck, searched)
-        others = data.other_starts(found.offsets, stuck, drawn)[:, stuck]
+        others = data.other_initial_states(found.corrections, stuck, drawn)[:, stuck]
         if not others.size:
             break
         k = _scatter_of_others(found, stuck)
@@ -102,8 +102,8 @@ def _along_axes(found: Linearization, evaluate: EvaluateWindows, tolerance: floa
     before, own = found.windows(stuck), _of_windows(evaluate, stuck)
     k = _scatter_of_others(found, stuck)
     for state in found.data.movable:
-        moved = np.repeat(before.offsets[None], len(SETTINGS.axis_shares), axis=0)
-        moved[..., state] += np.outer(SETTINGS.axis_shares, before.data.start_sd[:, state])
+        moved = np.repeat(before.corrections[None], len(SETTINGS.axis_shares), axis=0)
+        moved[..., state] += np.outer(SETTINGS.axis_shares, before.data.initial_sd[:, state])
         before = _or_from(before, own, moved, tolerance, k)
     return found.with_windows(stuck, before)
 
@@ -128,7 +128,7 @@ def _with_other_states(
     values = _values(found.data, evaluate, others, k)
     order = np.argsort(values, axis=0, kind="stable")
     descents = SETTINGS.descents
-    if not found.data.hidden:  # then starts are known well enough for the best to be better as it is
+    if not found.data.hidden:  # then initial states are known well enough for the best to be better as it is
         gains = np.maximum(found.objectives(k) - values[order[0], window], 0.0)
         descents = 1 if gains.sum() >= tolerance * k else 0
     return _or_from(found, evaluate, others[order[:descents], window], tolerance, k)
@@ -171,7 +171,7 @@ def _nearer(
     A cross-entropy search (Rubinstein, 1999) of every window about several centres, which are not pooled: valleys are
     narrow and many.
     """
-    reach = data.start_sd
+    reach = data.initial_sd
     parents, values = _parents(others, _values(data, evaluate, others, k))
     for _ in range(SETTINGS.nearer_times):
         reach = SETTINGS.nearer * reach
@@ -188,16 +188,18 @@ def _parents(trials: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
     return np.take_along_axis(trials, best[..., None], axis=0), np.take_along_axis(values, best, axis=0)
 
 
-def _values(data: Data, evaluate: EvaluateWindows, offsets: np.ndarray, k: float) -> np.ndarray:
-    """Objectives (trial, window) of starts at `offsets` (trial, window, state)."""
-    outputs, diverged = evaluate(np.arange(offsets.shape[1]), Trial(np.zeros((len(offsets), 0)), offsets))
-    return trial_objectives(data, offsets, outputs, diverged, k)
+def _values(data: Data, evaluate: EvaluateWindows, corrections: np.ndarray, k: float) -> np.ndarray:
+    """Objectives (trial, window) of initial states moved by `corrections` (trial, window, state)."""
+    outputs, diverged = evaluate(
+        np.arange(corrections.shape[1]), Trial(np.zeros((len(corrections), 0)), corrections)
+    )
+    return trial_objectives(data, corrections, outputs, diverged, k)
 
 
 def _settled(
     data: Data,
     evaluate: EvaluateWindows,
-    offsets: np.ndarray,
+    corrections: np.ndarray,
     tolerance: float,
     held: float | None = None,
     to_beat: np.ndarray | float = np.inf,
@@ -205,10 +207,10 @@ def _settled(
     """Where the descent of every window ends. held: k, which follows from the residual where None. to_beat (window,):
     objectives that are known to be possible; a descent that does not promise to get there after `patience` rounds ends.
     """
-    every = np.arange(len(offsets))
-    outputs, diverged = evaluate(every, columns(data, NO_PARAMETERS, offsets))
-    best = Linearization.from_columns(data, NO_PARAMETERS, offsets, outputs, diverged)
-    active, better, damping = every, ~diverged[0], np.zeros(len(offsets))
+    every = np.arange(len(corrections))
+    outputs, diverged = evaluate(every, columns(data, NO_PARAMETERS, corrections))
+    best = Linearization.from_columns(data, NO_PARAMETERS, corrections, outputs, diverged)
+    active, better, damping = every, ~diverged[0], np.zeros(len(corrections))
     for number in range(SETTINGS.rounds - 1):
         k = best.inflation if held is None else held
         damping[active] = np.where(
@@ -217,7 +219,7 @@ def _settled(
             np.maximum(SETTINGS.damping_step * damping[active], k),
         )
         damping[damping < 1e-3 * k] = 0.0
-        tried = best.start_offsets(NO_PARAMETERS, k, damping)
+        tried = best.corrections_after(NO_PARAMETERS, k, damping)
         gain = best.predicted_gains(NO_PARAMETERS, tried, k)
         settled = gain < tolerance * k / len(gain)
         if number >= SETTINGS.patience:
@@ -230,23 +232,24 @@ def _settled(
 
 
 def _moved(
-    best: Linearization, evaluate: EvaluateWindows, active: np.ndarray, offsets: np.ndarray
+    best: Linearization, evaluate: EvaluateWindows, active: np.ndarray, corrections: np.ndarray
 ) -> tuple[Linearization, np.ndarray]:
-    """`best` with those of the `active` windows that are better at `offsets` (window, state), and which of them are.
+    """`best` with those of the `active` windows that are better at `corrections` (window, state), and which of them
+    are.
 
     Sensitivities are measured of these alone: of a descent that is stuck most windows are worse, round after round.
     """
     k = best.inflation
-    outputs, diverged = evaluate(active, Trial(NO_PARAMETERS[None], offsets[None]))
-    there = trial_objectives(best.data.rows(active), offsets[None], outputs, diverged, k)[0]
+    outputs, diverged = evaluate(active, Trial(NO_PARAMETERS[None], corrections[None]))
+    there = trial_objectives(best.data.rows(active), corrections[None], outputs, diverged, k)[0]
     better = there < best.objectives(k)[active]
     which = active[better]
     if not which.size:
         return best, better
     own = best.data.rows(which)
-    differences = columns(own, NO_PARAMETERS, offsets[better]).but_first
+    differences = columns(own, NO_PARAMETERS, corrections[better]).but_first
     moved, lost = evaluate(which, differences)
     outputs = np.concatenate([outputs[:, better], moved])
     diverged = np.concatenate([diverged[:, better], lost])
-    at = Linearization.from_columns(own, NO_PARAMETERS, offsets[better], outputs, diverged)
+    at = Linearization.from_columns(own, NO_PARAMETERS, corrections[better], outputs, diverged)
     return best.with_windows(which, at), better

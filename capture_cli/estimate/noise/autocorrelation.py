@@ -67,7 +67,7 @@ def autocorrelation_time(residual: np.ndarray, mask: np.ndarray) -> float:
 def correlation_samples(residual: np.ndarray, mask: np.ndarray) -> float:
     """How many samples of a fit's residual (window, step, output) are worth one that is independent; 1: white.
 
-    An autocorrelation time, in an output's own samples, averaged over outputs by their squares. What starts and
+    An autocorrelation time, in an output's own samples, averaged over outputs by their squares. What initial states and
     parameters could take is gone from the residual, so that over a window its autocovariance sums to nothing: the
     negative lags of a slow error cancel the positive ones. Summed are those before the first that is not positive: of a
     residual that oscillates that is more than its autocorrelation time, as its squares are correlated for longer.

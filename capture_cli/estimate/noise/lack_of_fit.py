@@ -71,7 +71,7 @@ def lack_of_fit(at: Linearization, residual: np.ndarray | None = None) -> LackOf
     and variance 2 / n, plus `floor_share` times as much, as the floor is itself estimated from these samples. The
     autocorrelation time is reported only: a residual that is not white is no reason to ask for less.
     """
-    spent = len(at.x) + at.fitted_starts
+    spent = len(at.x) + at.fitted_initial
     residual = at.residual if residual is None else residual
     return _compared(at.data, residual, spent, SETTINGS.practical, SETTINGS.practical_of_one)
 

@@ -1,4 +1,6 @@
-"""The noise floor of repeats, through the simulator: what repeated windows differ by, less what their starts can do."""
+"""The noise floor of repeats, through the simulator: what repeated windows differ by, less what their initial states
+can do.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ def with_noise_of_repeats(
     """The log with the noise floor that its repeats show, and how many simulations that took.
 
     As it is where it has no repeats, and for outputs whose noise does not come from them. start (parameter,): where the
-    declared model is fitted from, of which only the sensitivities to the starts are used.
+    declared model is fitted from, of which only the sensitivities to the initial states are used.
     """
     if "repeats" not in prepared.noise.source:
         return prepared, 0
@@ -29,7 +31,7 @@ def with_noise_of_repeats(
     fit = fits.fit(prepared.part(~prepared.split.is_test), [], start, effort=Effort(seed=seed, escapes=False))
     if fit is None:
         return prepared, fits.rollouts
-    as_measured = np.zeros_like(prepared.starts.sd)
+    as_measured = np.zeros_like(prepared.initial.sd)
     at = fits.at(prepared, [], Best(fit.point, as_measured, fit.error)).at
     deviations, degrees = pure_error(at, _repeated_windows(prepared))
     sd, source = prepared.noise.sd.copy(), list(prepared.noise.source)

@@ -1,9 +1,10 @@
 """Noise from repeats: episodes that were driven in the same way from the same start differ by noise alone.
 
-Starts are never quite the same, and what they change goes on for as long as the machine remembers. Before anything is
-simulated, differences are taken block by block, with a cubic off each: that holds what a slightly different start does
-within a block, and slow noise, too. Once there is a model, only what its starts can do is taken off (pure error: Box,
-Hunter & Hunter, Statistics for Experimenters, 2nd ed., section 10.3). What is left is noise, white or not.
+Initial states are never quite the same, and what they change goes on for as long as the machine remembers. Before
+anything is simulated, differences are taken block by block, with a cubic off each: that holds what a slightly different
+start does within a block, and slow noise, too. Once there is a model, only what its initial states can do is taken off
+(pure error: Box, Hunter & Hunter, Statistics for Experimenters, 2nd ed., section 10.3). What is left is noise, white or
+not.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from capture_cli.estimate.solve.linearization import Linearization
 
 @frozen
 class SETTINGS:
-    first: int = 9  # samples that tell whether two starts are the same
+    first: int = 9  # samples that tell whether two initial states are the same
     same: float = 5.0  # standard deviations of their difference
     degree: int = 3  # of the polynomial that a start's influence is within a block
     fewest: int = 200  # degrees of freedom: with fewer the floor would be uncertain by more than 5 %
-    rounding: float = 1e-9  # of the largest number: by so much starts may differ in any case
-    # share of a row's noise that starts cannot take: with less the row says nothing
+    rounding: float = 1e-9  # of the largest number: by so much initial states may differ in any case
+    # share of a row's noise that initial states cannot take: with less the row says nothing
     left_of_a_row: float = 0.1
 
 
@@ -92,8 +93,8 @@ def from_repeats(series: Sequence[np.ndarray], block: int) -> tuple[np.ndarray, 
 def pure_error(at: Linearization, groups: Sequence[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray]:
     """Deviations of each output from the mean of its repeats, and their degrees of freedom (output,).
 
-    groups: windows (repeat,) that repeat each other. What their starts can do to first order is taken off; deviations
-    are in units of the noise that was assumed, and scaled to its variance.
+    groups: windows (repeat,) that repeat each other. What their initial states can do to first order is taken off;
+    deviations are in units of the noise that was assumed, and scaled to its variance.
     """
     steps, outputs = at.data.measured.shape[1:]
     deviations: list[list[np.ndarray]] = [[] for _ in range(outputs)]
@@ -102,7 +103,7 @@ def pure_error(at: Linearization, groups: Sequence[np.ndarray]) -> tuple[list[np
         common = at.data.mask[group].all(axis=0)  # samples of one alone cannot be compared
         rows = common.ravel()
         apart = (at.residual[group] - at.residual[group].mean(axis=0)) * rows
-        basis = _basis(at.by_start[group].mean(axis=0) * rows[:, None])
+        basis = _basis(at.by_initial[group].mean(axis=0) * rows[:, None])
         left = (apart - apart @ basis @ basis.T).reshape(len(group), steps, outputs)
         share = 1 - np.square(basis).sum(axis=1).reshape(steps, outputs)
         says = (share > SETTINGS.left_of_a_row) & common

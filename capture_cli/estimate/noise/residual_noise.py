@@ -71,7 +71,7 @@ def _noise(part: PreparedLog, at: Linearization) -> np.ndarray:
     log, windows = part.log, part.windows
     taken = at.leverage.reshape(at.data.measured.shape)
     sd = np.full(taken.shape[2], np.inf)
-    # Share of an output's noise that starts may take up: beyond it there is too little left to tell.
+    # Share of an output's noise that initial states may take up: beyond it there is too little left to tell.
     most_taken = 0.5
     for k, series in enumerate(_left(part, at)):
         sampled = windows.sampled[..., k]

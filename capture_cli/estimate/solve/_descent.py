@@ -62,7 +62,7 @@ class Descent:
         self,
         data: Data,
         x: np.ndarray,
-        offsets: np.ndarray,
+        corrections: np.ndarray,
         tolerance: float,
         known: Known | None = None,
         *,
@@ -71,7 +71,7 @@ class Descent:
         self.data = data
         self.tolerance = tolerance
         self.x = np.clip(x, 0.0, 1.0)
-        self.offsets = offsets
+        self.corrections = corrections
         self.error = np.inf
         self.converged = False
         self.stopped_early = False  # by whoever asks, who knows of a better one
@@ -83,7 +83,7 @@ class Descent:
         self._k = np.inf
         self._settled = SETTINGS.settled
         self._radius = SETTINGS.radius
-        self._damping = np.zeros(len(data.start_sd))
+        self._damping = np.zeros(len(data.initial_sd))
         self._windows: np.ndarray | None = None  # that a trial concerns, where not all
         self._promised = np.inf
         self._tried = ()  # the step that windows are asked for again with
@@ -97,7 +97,7 @@ class Descent:
 
     @property
     def best(self) -> Best:
-        return Best(self.data.space.from_unit(self.x), self.offsets, self.error)
+        return Best(self.data.space.from_unit(self.x), self.corrections, self.error)
 
     @property
     def at(self) -> Linearization | None:
@@ -130,8 +130,8 @@ class Descent:
         """One candidate, with its finite differences where they are due; or several without, to choose from."""
         if self._told == self._tell_measured:
             return columns(self.data, *self._trials[0], known=self._known)
-        x, offsets = (np.stack(part) for part in zip(*self._trials, strict=True))
-        return Trial(self.data.space.from_unit(x), offsets, self._windows)
+        x, corrections = (np.stack(part) for part in zip(*self._trials, strict=True))
+        return Trial(self.data.space.from_unit(x), corrections, self._windows)
 
     def tell(self, outputs, diverged):
         """A trial of few windows is no round of its own."""
@@ -154,11 +154,11 @@ class Descent:
 
     def _measure(self) -> None:
         """Ask next for the sensitivities where it is."""
-        self._trials, self._told = [(self.x, self.offsets)], self._tell_measured
+        self._trials, self._told = [(self.x, self.corrections)], self._tell_measured
 
     def _tell_measured(self, outputs, diverged) -> None:
-        x, offsets = self._trials[0]
-        there = Linearization.from_columns(self.data, x, offsets, outputs, diverged)
+        x, corrections = self._trials[0]
+        there = Linearization.from_columns(self.data, x, corrections, outputs, diverged)
         if self._known is not None:
             there, self._known = self._known.completed(there), None
         if diverged[0].any() or not np.isfinite(there.residual).all():
@@ -169,19 +169,19 @@ class Descent:
 
     def _tell_step(self, outputs, diverged) -> None:
         """Windows that are worse than foreseen are asked for again; with the others' step it is judged after that."""
-        x, offsets = self._trials[0]
+        x, corrections = self._trials[0]
         k, at = self._k, self._at
         before = at.objectives(k)
-        [after] = trial_objectives(self.data, offsets[None], outputs, diverged, k)
-        foreseen = before - at.predicted_gains(x - self.x, offsets, k)
-        self._tried = x, offsets, self.data.residual(outputs[0]), after
-        worse = (after > np.maximum(before, foreseen + k)) & (offsets != self.offsets).any(axis=1)
+        [after] = trial_objectives(self.data, corrections[None], outputs, diverged, k)
+        foreseen = before - at.predicted_gains(x - self.x, corrections, k)
+        self._tried = x, corrections, self.data.residual(outputs[0]), after
+        worse = (after > np.maximum(before, foreseen + k)) & (corrections != self.corrections).any(axis=1)
         if not worse.any():
             self._judge(worse)
             return
         dampings = [self._damping + share * self._curvature for share in SETTINGS.damped]
-        damped = [at.start_offsets(x - self.x, k, damping) for damping in dampings]
-        self._trials = [(x, z) for z in (self.offsets, *damped)]
+        damped = [at.corrections_after(x - self.x, k, damping) for damping in dampings]
+        self._trials = [(x, z) for z in (self.corrections, *damped)]
         self._windows, self._told = np.flatnonzero(worse), self._tell_worse
 
     @property
@@ -194,14 +194,14 @@ class Descent:
     def _tell_worse(self, outputs, diverged) -> None:
         """Each takes the best of its initial states."""
         self._windows = None
-        x, offsets, residual, after = self._tried
+        x, corrections, residual, after = self._tried
         others, values = self._trials_judged(outputs, diverged)
         best, found = best_trials(others, values)
         residuals = self.data.residual(outputs)[values.argmin(axis=0), np.arange(len(after))]
         back = found < after
         self._tried = (
             x,
-            np.where(back[:, None], best, offsets),
+            np.where(back[:, None], best, corrections),
             np.where(back[:, None], residuals, residual),
             np.where(back, found, after),
         )
@@ -209,7 +209,7 @@ class Descent:
 
     def _judge(self, back: np.ndarray) -> None:
         """Take the step that was tried, or not. back (window,): which windows went back; those are damped if it is."""
-        x, offsets, residual, after = self._tried
+        x, corrections, residual, after = self._tried
         gained = float((self._at.objectives(self._k) - after).sum())
         if gained < self._little:
             self._reject(x)
@@ -217,7 +217,7 @@ class Descent:
         less = np.where(self._damping > 1e-3 * self._k, self._damping / SETTINGS.let_go, 0.0)
         more = np.maximum(self._damping, self._curvature / SETTINGS.let_go)
         self._damping = np.where(back, more, less)
-        self._accept(self._at.moved(x, offsets, residual), gained)
+        self._accept(self._at.moved(x, corrections, residual), gained)
 
     def _accept(self, there: Linearization, gained: float) -> None:
         self._vain = self._vain + 1 if self._failed and gained < self._lost else 0
@@ -252,14 +252,14 @@ class Descent:
         if self._updates and (self._measured or gained > self._little):
             self._measure()
         elif self._searches:
-            self._propose_other_starts()
+            self._propose_other_initial_states()
         else:
             self.converged = True
 
     def _give_up(self) -> None:
         """No way on from here; there may be one from where hidden states are others."""
         if self._may_search:
-            self._propose_other_starts()
+            self._propose_other_initial_states()
         else:
             self.converged = True
 
@@ -267,36 +267,36 @@ class Descent:
     def _may_search(self) -> bool:
         return self._searches > 0 and len(self.data.hidden_tried) > 0
 
-    def _propose_other_starts(self) -> None:
+    def _propose_other_initial_states(self) -> None:
         """Where each window might have got stuck: its start as it was measured, and hidden states elsewhere, which are
         many and looked for where windows stand out alone.
         """
         self._searches -= 1
         stuck = self.data.standing_out(self._at.residual)
-        hidden = self.data.other_starts(self.offsets, stuck) if stuck.size else ()
-        others = [np.zeros_like(self.offsets), *hidden]
-        self._trials, self._told = [(self.x, o) for o in others], self._tell_other_starts
+        hidden = self.data.other_initial_states(self.corrections, stuck) if stuck.size else ()
+        others = [np.zeros_like(self.corrections), *hidden]
+        self._trials, self._told = [(self.x, o) for o in others], self._tell_other_initial_states
         self._windows = stuck if len(hidden) else None
 
-    def _tell_other_starts(self, outputs, diverged) -> None:
+    def _tell_other_initial_states(self, outputs, diverged) -> None:
         """Go on where some windows have a better start after all."""
         self._windows = None
-        offsets, values = self._trials_judged(outputs, diverged)
-        best, found = best_trials(offsets, values)
+        corrections, values = self._trials_judged(outputs, diverged)
+        best, found = best_trials(corrections, values)
         before = self._at.objectives(self._k)
         keeps = before <= found
         if (before - found)[~keeps].sum() < self._little:
             self.converged = True
         else:
-            self._restart(np.where(keeps[:, None], self.offsets, best))
+            self._restart(np.where(keeps[:, None], self.corrections, best))
 
     def _trials_judged(self, outputs, diverged) -> tuple[np.ndarray, np.ndarray]:
-        """Offsets (trial, window, state) of what was asked for, and objectives (trial, window): inf where lost."""
-        offsets = np.stack([offsets for _, offsets in self._trials])
-        return offsets, trial_objectives(self.data, offsets, outputs, diverged, self._k)
+        """Corrections (trial, window, state) of what was asked for, and objectives (trial, window): inf where lost."""
+        corrections = np.stack([corrections for _, corrections in self._trials])
+        return corrections, trial_objectives(self.data, corrections, outputs, diverged, self._k)
 
     def _move(self, there: Linearization) -> None:
-        self._at, self.x, self.offsets = there, there.x, there.offsets
+        self._at, self.x, self.corrections = there, there.x, there.corrections
         self._moves += 1
         if self._moves <= self._settled:
             self._k = there.inflation
@@ -308,7 +308,7 @@ class Descent:
     def _least_error(self) -> float:
         """Of the linearization, within the unit cube."""
         dx, k = self._at.whole_step, self._k
-        return self._error_after(self._at.predicted_gain(dx, self._at.start_offsets(dx, k), k))
+        return self._error_after(self._at.predicted_gain(dx, self._at.corrections_after(dx, k), k))
 
     def _error_after(self, gain: float) -> float:
         """The error where the objective is lower by `gain`."""
@@ -317,8 +317,8 @@ class Descent:
     def _propose(self) -> None:
         k = self._k
         dx = self._step(self._radius, self._damping)
-        offsets = self._at.start_offsets(dx, k, self._damping)
-        self._promised = self._at.predicted_gain(dx, offsets, k)
+        corrections = self._at.corrections_after(dx, k, self._damping)
+        self._promised = self._at.predicted_gain(dx, corrections, k)
         if self._promised < self._little and self._damping.any():  # they may be what holds it back
             self._damping[:] = 0.0
             self._propose()
@@ -326,15 +326,15 @@ class Descent:
         if self._promised < self._little:
             self._settle()
             return
-        self._trials, self._told = [(np.clip(self.x + dx, 0, 1), offsets)], self._tell_step
+        self._trials, self._told = [(np.clip(self.x + dx, 0, 1), corrections)], self._tell_step
 
-    def _restart(self, offsets: np.ndarray) -> None:
-        """Go on from `offsets` (window, state) as if begun there: steps that failed elsewhere do not count."""
+    def _restart(self, corrections: np.ndarray) -> None:
+        """Go on from `corrections` (window, state) as if begun there: steps that failed elsewhere do not count."""
         self._settled = self._moves + SETTINGS.settled
         self._vain = self._failed = 0
         self._radius = SETTINGS.radius
         self._damping[:] = 0.0
-        self.offsets = offsets
+        self.corrections = corrections
         self._measure()
 
     def _step(self, radius: float, damping: np.ndarray) -> np.ndarray:

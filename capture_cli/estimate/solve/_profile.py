@@ -1,10 +1,11 @@
 """How far a parameter may go before the log speaks against it: the profile of the error along its range.
 
 Of a wheel that never slips a log says how well it grips at least, and sensitivities at the estimate say nothing. So the
-parameter is held at places along its range, and the others and the starts are refitted at each, by sensitivities that
-every simulation mends. How far the error rises there, over what noise makes of that, says what the log excludes: a
-profile likelihood (Venzon and Moolgavkar 1988). Where it begins to rise sensitivities are others: they are measured at
-the outermost place that is not excluded, and those beyond are tried again from there, until nothing moves outward.
+parameter is held at places along its range, and the others and the initial states are refitted at each, by
+sensitivities that every simulation mends. How far the error rises there, over what noise makes of that, says what the
+log excludes: a profile likelihood (Venzon and Moolgavkar 1988). Where it begins to rise sensitivities are others: they
+are measured at the outermost place that is not excluded, and those beyond are tried again from there, until nothing
+moves outward.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ class SETTINGS:
 class Profile:
     """looked: the numbers of the parameters that it is of. excluded (parameter, 2): how far from below and from above
     the log excludes these, in the unit cube; nan where it does not exclude the end of the range. better: where the
-    error is lower than at the estimate by what is worth to go on from, (parameters, offsets); the search ended there.
+    error is lower than at the estimate by what is worth to go on from, (parameters, corrections); the search ended
+    there.
     """
 
     looked: Sequence[int]
@@ -82,7 +84,7 @@ def profile(
         profiles.refit([place for own in places for place in own])
         best = min((p.at for own in places for p in own if p.at), key=profiles.rise, default=at)
         if profiles.rise(best) < -worth * profiles.k:
-            return Profile(which, found, (at.data.space.from_unit(best.x), best.offsets))
+            return Profile(which, found, (at.data.space.from_unit(best.x), best.corrections))
         for side, own in zip(sides, places, strict=True):
             side.tell(own)
             found[side.held, side.end] = side.limit
@@ -96,9 +98,10 @@ def profile(
 class _Place:
     """Parameter `held` at `to`, in the unit cube, and what the others, refitted, leave there.
 
-    origin: the linearization that it begins with. asked: points (x, offsets) to simulate next. at: the best of those
-    that were; None where all diverged, of which nothing is known. allowed: whether noise may be what the error is more
-    than at the estimate, or nothing is known; excluded: whether not, and what more of a refit promises would not do.
+    origin: the linearization that it begins with. asked: points (x, corrections) to simulate next. at: the best of
+    those that were; None where all diverged, of which nothing is known. allowed: whether noise may be what the error is
+    more than at the estimate, or nothing is known; excluded: whether not, and what more of a refit promises would not
+    do.
     """
 
     held: int
@@ -163,14 +166,16 @@ class _Profiles:
         alone[held] = to
         dx = self._step(origin, held, to - origin.x[held])
         ridge = np.clip(origin.x + dx, 0, 1)
-        return _Place(held, to, origin, [(alone, origin.offsets), (ridge, origin.start_offsets(dx, self.k))])
+        return _Place(
+            held, to, origin, [(alone, origin.corrections), (ridge, origin.corrections_after(dx, self.k))]
+        )
 
     def measured(self, there: Linearization) -> Linearization:
         """`there`, with its sensitivities measured where they were updated."""
         if not there.updates:
             return there
-        trial = columns(self.at.data, there.x, there.offsets)
-        return Linearization.from_columns(self.at.data, there.x, there.offsets, *self.evaluate(trial))
+        trial = columns(self.at.data, there.x, there.corrections)
+        return Linearization.from_columns(self.at.data, there.x, there.corrections, *self.evaluate(trial))
 
     def refit(self, places: Sequence[_Place]) -> None:
         """Refit the others at each place, for as long as it may turn out not to be excluded."""
@@ -186,18 +191,18 @@ class _Profiles:
         """What the places asked for; each keeps the best."""
         if not places:
             return
-        x, offsets = (np.stack(part) for part in zip(*(a for p in places for a in p.asked), strict=True))
-        outputs, diverged = self.evaluate(Trial(self.at.data.space.from_unit(x), offsets))
+        x, corrections = (np.stack(part) for part in zip(*(a for p in places for a in p.asked), strict=True))
+        outputs, diverged = self.evaluate(Trial(self.at.data.space.from_unit(x), corrections))
         residuals = self.at.data.residual(outputs)
         lost = diverged.any(axis=1) | ~np.isfinite(residuals).all(axis=(1, 2))
         told = iter(zip(residuals, lost, strict=True))
         for place in places:
             origin = place.at or place.origin
-            for x, offsets in place.asked:
+            for x, corrections in place.asked:
                 residual, is_lost = next(told)
                 if is_lost:
                     continue
-                there = origin.moved(x, offsets, residual)
+                there = origin.moved(x, corrections, residual)
                 if place.at is None or self.rise(there) < self.rise(place.at):
                     place.at = there
             place.asked = []
@@ -206,12 +211,12 @@ class _Profiles:
         """Whether a place is excluded, and what to simulate next where that is not certain."""
         at, rise, allowed = place.at, self.rise(place.at), self._allowed(place)
         dx = self._step(at, place.held)
-        offsets = at.start_offsets(dx, self.k)
-        promised = at.predicted_gain(dx, offsets, self.k)
+        corrections = at.corrections_after(dx, self.k)
+        promised = at.predicted_gain(dx, corrections, self.k)
         place.allowed, place.excluded = rise <= allowed, rise - promised > allowed
         hopeless = rise - promised > SETTINGS.hopeless * allowed
         if not (place.allowed or hopeless) and promised > SETTINGS.little * max(self.k, rise - allowed):
-            place.asked = [(np.clip(at.x + dx, 0, 1), offsets)]
+            place.asked = [(np.clip(at.x + dx, 0, 1), corrections)]
 
     def _step(self, at: Linearization, held: int, by: float = 0.0) -> np.ndarray:
         """The step (parameter,) that moves the one that is held `by` so much, and the others to where they are best."""
@@ -227,10 +232,10 @@ class _Profiles:
 
         The limit times the variance of noise along the change, 1 where noise is white and as large as its floor.
         """
-        b, gain, there = self.at.by_start, self.at.start_gain(self.k), place.at
+        b, gain, there = self.at.by_initial, self.at.initial_gain(self.k), place.at
         change = (there.residual - self.at.residual)[..., None] + b @ (there.z - self.at.z)[..., None]
-        starts = gain @ (b.swapaxes(1, 2) @ change)  # that make up for it, as far as they do
-        change -= b @ starts
-        square = np.square(change).sum() + self.k * np.square(starts).sum()
+        initial = gain @ (b.swapaxes(1, 2) @ change)  # that make up for it, as far as they do
+        change -= b @ initial
+        square = np.square(change).sum() + self.k * np.square(initial).sum()
         variance = noise_along(self.at, change)[0, 0] / square if square > 0 else self.k
         return self.limit[place.held] * variance

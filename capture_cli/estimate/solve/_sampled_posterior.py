@@ -5,8 +5,8 @@ estimate on several scales, simulated, and weighed by their likelihood over the 
 from; the next are drawn from what these say (adaptive multiple importance sampling; Cornuet, Marin, Mira and Robert
 2012). While few points carry the weight the likelihood is tempered, so that an answer is too wide rather than too sure.
 
-For windows whose starts are known, as others would have to be fitted at every point, and one or two parameters: of
-five, so few points collapse onto some of them.
+For windows whose initial states are known, as others would have to be fitted at every point, and one or two parameters:
+of five, so few points collapse onto some of them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from capture_cli.estimate.solve.linearization import Linearization, Trial, trial
 
 @frozen
 class SETTINGS:
-    known: float = 1.0  # free numbers, at most, that known starts amount to
+    known: float = 1.0  # free numbers, at most, that known initial states amount to
     away: float = 2.0  # sd: where the error is compared with its parabola
     ratio: float = 1.5  # times: by as much they may differ
     most_parameters: int = 2  # of more so few points say too little
@@ -82,16 +82,17 @@ class _Proposal:
 
 def is_rough(at: Linearization, covariance: np.ndarray, evaluate: Evaluate) -> bool:
     """Whether the error about an estimate, of this covariance (p, p) in the unit cube, is not the parabola that the
-    sensitivities there say. False where starts are not known, and for more parameters than sampling is good for.
+    sensitivities there say. False where initial states are not known, and for more parameters than sampling is good
+    for.
     """
-    if not 0 < len(at.x) <= SETTINGS.most_parameters or at.fitted_starts > SETTINGS.known:
+    if not 0 < len(at.x) <= SETTINGS.most_parameters or at.fitted_initial > SETTINGS.known:
         return False
     k = at.inflation
     sd = np.sqrt(np.maximum(np.diag(covariance), SETTINGS.smallest_sd**2))
     # row k: where the others are likeliest with parameter k so far off, `away` sd by the whole covariance
     ridges = SETTINGS.away * covariance / sd[:, None]
     moves = np.clip(at.x + np.concatenate([ridges, -ridges]), 0, 1) - at.x
-    expected = -np.array([at.predicted_gain(dx, at.offsets, k) for dx in moves])
+    expected = -np.array([at.predicted_gain(dx, at.corrections, k) for dx in moves])
     rises = _objectives(at, at.x + moves, evaluate) - at.objectives(k).sum()
     apart = (rises < expected / SETTINGS.ratio) | (rises > SETTINGS.ratio * expected)
     return bool((apart & (np.maximum(np.abs(rises), expected) > k)).any())
@@ -137,11 +138,13 @@ def _weights(x: np.ndarray, above: np.ndarray, proposals: list[_Proposal]) -> np
 
 
 def _objectives(at: Linearization, x: np.ndarray, evaluate: Evaluate) -> np.ndarray:
-    """(point,) at x (point, p), with starts as they are; inf beyond the unit cube, and where one diverged."""
+    """(point,) at x (point, p), with initial states as they are; inf beyond the unit cube, and where one diverged."""
     inside = ((x >= 0) & (x <= 1)).all(axis=1)
     objectives = np.full(len(x), np.inf)
     if inside.any():
-        offsets = np.repeat(at.offsets[None], int(inside.sum()), axis=0)
-        outputs, diverged = evaluate(Trial(at.data.space.from_unit(x[inside]), offsets))
-        objectives[inside] = trial_objectives(at.data, offsets, outputs, diverged, at.inflation).sum(axis=1)
+        corrections = np.repeat(at.corrections[None], int(inside.sum()), axis=0)
+        outputs, diverged = evaluate(Trial(at.data.space.from_unit(x[inside]), corrections))
+        objectives[inside] = trial_objectives(at.data, corrections, outputs, diverged, at.inflation).sum(
+            axis=1
+        )
     return objectives

@@ -13,10 +13,12 @@ from capture_cli.estimate.solve.linearization import Data, Linearization, Trial
 
 @dataclass(frozen=True)
 class Best:
-    """The best point so far. offsets (window, state). error: RMSE over the noise floor (1: nothing left but noise)."""
+    """The best point so far. corrections (window, state). error: RMSE over the noise floor (1: nothing left but
+    noise).
+    """
 
     parameters: np.ndarray
-    offsets: np.ndarray
+    corrections: np.ndarray
     error: float
 
 
@@ -45,8 +47,8 @@ class AskTell(ABC):
 class Identifier(AskTell):
     """Finds the parameters that `data` was made with.
 
-    start: where to begin (parameter,), and offsets (window, state): with which offsets of the windows' starts (none
-    where None). rounds: at most so many ask / tell. Trials stay inside the space's bounds.
+    start: where to begin (parameter,), and corrections (window, state): with which corrections of the windows' initial
+    states (none where None). rounds: at most so many ask / tell. Trials stay inside the space's bounds.
     """
 
     def __init__(
@@ -54,7 +56,7 @@ class Identifier(AskTell):
         data: Data,
         *,
         start: np.ndarray,
-        offsets: np.ndarray | None = None,
+        corrections: np.ndarray | None = None,
         seed: int = 0,
         rounds: int = 100,
         starts: int = 3,
@@ -62,7 +64,7 @@ class Identifier(AskTell):
         self.data = data
         self.space = data.space
         self.start = np.clip(start, self.space.low, self.space.high)
-        self.offsets = np.zeros_like(data.start_sd) if offsets is None else offsets
+        self.corrections = np.zeros_like(data.initial_sd) if corrections is None else corrections
         self.seed = seed
         self.rounds_left = rounds
         self.starts = starts

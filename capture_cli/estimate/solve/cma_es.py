@@ -1,7 +1,7 @@
 """CMA-ES: a search that needs no derivatives, for models whose outputs jump (Hansen 2016, arXiv:1604.00772).
 
-The evolution itself is the `cmaes` package. Starts are eliminated to first order: their sensitivities are measured
-at the best point every few generations and each candidate is judged by what is left of its residual.
+The evolution itself is the `cmaes` package. Initial states are eliminated to first order: their sensitivities are
+measured at the best point every few generations and each candidate is judged by what is left of its residual.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class CmaEs(Identifier):
         spread = 0.25  # of the unit cube, the first step size
         self._search = CMA(mean=mean, sigma=spread, bounds=bounds, seed=self.seed) if size else None
         self._best_x = np.clip(self.space.to_unit(self.start), 0, 1)
-        self._best = Best(self.start, self.offsets, np.inf)
-        self._lowest = np.inf  # objective of the best, which the prior of its starts is part of
+        self._best = Best(self.start, self.corrections, np.inf)
+        self._lowest = np.inf  # objective of the best, which the prior of its initial states is part of
         self._at: Linearization | None = None
         self._generation = 0
         self._stalled = 0
@@ -47,9 +47,9 @@ class CmaEs(Identifier):
             return None
         self.data = data
         self.rounds_left = rounds
-        self.offsets = np.zeros_like(data.start_sd)
+        self.corrections = np.zeros_like(data.initial_sd)
         # errors were of other data: the best point is looked at again first
-        self._best = Best(self._best.parameters, self.offsets, np.inf)
+        self._best = Best(self._best.parameters, self.corrections, np.inf)
         self._lowest = self._milestone = np.inf
         self._at = None
         self._generation = self._stalled = 0
@@ -69,11 +69,11 @@ class CmaEs(Identifier):
 
     def ask(self) -> Trial:
         if self._linearizing:
-            return columns(self.data, self._best_x, self._best.offsets, parameters=False)
+            return columns(self.data, self._best_x, self._best.corrections, parameters=False)
         self._asked = [self._search.ask() for _ in range(self._search.population_size)]
         points = np.array(self._asked)[:, : len(self.space)]
-        offsets = np.repeat(self._best.offsets[None], len(points), axis=0)
-        return Trial(self.space.from_unit(points), offsets)
+        corrections = np.repeat(self._best.corrections[None], len(points), axis=0)
+        return Trial(self.space.from_unit(points), corrections)
 
     def tell(self, outputs, diverged):
         if self._linearizing:
@@ -93,9 +93,11 @@ class CmaEs(Identifier):
             self._best_x = self._asked[chosen][: len(self.space)]
             _, left = self._step(residuals[chosen])
             self._best = Best(
-                self.space.from_unit(self._best_x), self._offsets(residuals[chosen]), self._error(left)
+                self.space.from_unit(self._best_x), self._corrections(residuals[chosen]), self._error(left)
             )
-            self._at = replace(self._at, offsets=self._best.offsets)  # where the next candidates begin
+            self._at = replace(
+                self._at, corrections=self._best.corrections
+            )  # where the next candidates begin
         self._generation += 1
         self._stalled += 1
         if self._lowest < 0.999**2 * self._milestone:
@@ -105,7 +107,7 @@ class CmaEs(Identifier):
 
     def _relinearize(self, outputs, diverged) -> None:
         self._at = Linearization.from_columns(
-            self.data, self._best_x, self._best.offsets, outputs, diverged, parameters=False
+            self.data, self._best_x, self._best.corrections, outputs, diverged, parameters=False
         )
         if not diverged[0].any():
             # what was known before was to first order about another point: this is exact
@@ -117,11 +119,11 @@ class CmaEs(Identifier):
         return float(np.sqrt(np.square(residual).sum() / self.data.count))
 
     def _step(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The starts' step dz (window, state) that fits `residual` (window, row) best, and what it leaves."""
+        """The initial states' step dz (window, state) that fits `residual` (window, row) best, and what it leaves."""
         k = inflation(self.data, residual)
-        b = self._at.by_start
+        b = self._at.by_initial
         right = (b.swapaxes(1, 2) @ residual[..., None])[..., 0] - k * self._at.z
-        dz = (self._at.start_gain(k) @ right[..., None])[..., 0]
+        dz = (self._at.initial_gain(k) @ right[..., None])[..., 0]
         return dz, residual - (b @ dz[..., None])[..., 0]
 
     def _value(self, residual: np.ndarray) -> float:
@@ -129,7 +131,7 @@ class CmaEs(Identifier):
         k = inflation(self.data, left)
         return float(np.square(left).sum() + k * np.square(self._at.z + dz).sum())
 
-    def _offsets(self, residual: np.ndarray) -> np.ndarray:
-        """Offsets (window, state), SI, of the starts that fit `residual` best."""
+    def _corrections(self, residual: np.ndarray) -> np.ndarray:
+        """Corrections (window, state), SI, of the initial states that fit `residual` best."""
         at = replace(self._at, residual=residual)
-        return at.start_offsets(np.zeros(0), at.inflation)
+        return at.corrections_after(np.zeros(0), at.inflation)

@@ -1,7 +1,7 @@
 """Standard deviations and 95 % intervals that allow for autocorrelated residuals.
 
-With J the sensitivities and M the projection that removes the starts (their prior kept), the estimate's error is
-A^-1 J'M (e + B b), A = J'MJ, e the residual process and b the starts' error. Its covariance is the sandwich
+With J the sensitivities and M the projection that removes the initial states (their prior kept), the estimate's error
+is A^-1 J'M (e + B b), A = J'MJ, e the residual process and b the initial states' error. Its covariance is the sandwich
 A^-1 [J'M (G + B B') M J] A^-1 with G the residual's autocovariance, pooled over windows and tapered (Newey & West
 1987), rather than the outer product of scores: far less noisy when windows are few.
 
@@ -162,14 +162,14 @@ def _quantile(degrees: float, among: int = 1) -> float:
 def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
     """Covariance (p, p) in the unit cube, and the effective degrees of freedom of the residual."""
     k = at.inflation
-    gain = at.start_gain(k)
-    b, j = at.by_start, at.by_parameter
+    gain = at.initial_gain(k)
+    b, j = at.by_initial, at.by_parameter
     through = gain @ (b.swapaxes(1, 2) @ j)
     projected = j - b @ through  # M J, (window, row, p)
     hessian, _ = at.normal(k)
-    fitted_starts, count = at.fitted_starts, at.data.count
+    fitted_initial, count = at.fitted_initial, at.data.count
     meat, correlation = _noise_along(at, projected)
-    degrees = max(count / correlation - j.shape[-1] - fitted_starts / correlation, 1.0)
+    degrees = max(count / correlation - j.shape[-1] - fitted_initial / correlation, 1.0)
     # sensitivities are finite differences, wrong by about their step: columns more alike than that are the same
     floor = max(at.data.space.steps, default=0.0) ** 2
     return _sandwich(hessian, meat, np.einsum("wrp,wrp->p", j, j), floor), degrees
@@ -184,9 +184,9 @@ def _noise_along(at: Linearization, changes: np.ndarray) -> tuple[np.ndarray, fl
     """Likewise, changes' (G + B B') changes, and the residual's autocorrelation time, in samples."""
     count = at.data.count
     product, correlation = _filtered_product(at, changes)
-    product *= count / max(count - len(at.x) - at.fitted_starts, 1.0)
-    starts = at.by_start.swapaxes(1, 2) @ changes
-    return product + np.einsum("wsp,wsq->pq", starts, starts), correlation
+    product *= count / max(count - len(at.x) - at.fitted_initial, 1.0)
+    initial = at.by_initial.swapaxes(1, 2) @ changes
+    return product + np.einsum("wsp,wsq->pq", initial, initial), correlation
 
 
 def _left_to_go(at: Linearization) -> np.ndarray:
@@ -239,8 +239,8 @@ def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndar
 def _sandwich(hessian: np.ndarray, meat: np.ndarray, sensitivity: np.ndarray, floor: float) -> np.ndarray:
     """A^-1 meat A^-1 over the directions in which A = hessian (p, p) has information; `lost_sd` in the others.
 
-    sensitivity (p,): what the diagonal of A would be without the starts, the scale of its error, of which an eigenvalue
-    must exceed the share `floor`.
+    sensitivity (p,): what the diagonal of A would be without the initial states, the scale of its error, of which an
+    eigenvalue must exceed the share `floor`.
     """
     scale = np.sqrt(np.where(sensitivity > 0, sensitivity, 1.0))
     values, vectors = np.linalg.eigh(hessian / np.outer(scale, scale))

@@ -73,7 +73,7 @@ class LeastSquares(Identifier):
     @property
     def best(self) -> Best:
         if not self._descents:
-            return Best(self.start, self.offsets, np.inf)
+            return Best(self.start, self.corrections, np.inf)
         return self._leader.best
 
     @property
@@ -92,15 +92,15 @@ class LeastSquares(Identifier):
     def ask(self) -> Trial:
         if self._screening:
             points = self._screening_points()
-            offsets = np.repeat(self.offsets[None], len(points), axis=0)
-            return Trial(self.space.from_unit(points), offsets)
+            corrections = np.repeat(self.corrections[None], len(points), axis=0)
+            return Trial(self.space.from_unit(points), corrections)
         trials = [d.ask() for d in self._active()]
         self._asked = [(d, len(t)) for d, t in zip(self._active(), trials, strict=True)]
         self._of_few = all(t.windows is not None for t in trials)
         if len(trials) == 1:
             return trials[0]
         return Trial(
-            np.concatenate([t.parameters for t in trials]), np.concatenate([t.offsets for t in trials])
+            np.concatenate([t.parameters for t in trials]), np.concatenate([t.corrections for t in trials])
         )
 
     def tell(self, outputs, diverged):
@@ -117,7 +117,7 @@ class LeastSquares(Identifier):
 
     def _descent(self, x: np.ndarray) -> Descent:
         known = None if self._screening else self.known
-        return Descent(self.data, x, self.offsets, self.tolerance, known, measured=self.measured)
+        return Descent(self.data, x, self.corrections, self.tolerance, known, measured=self.measured)
 
     def _active(self) -> list[Descent]:
         return [d for d in self._descents if not d.converged]

@@ -1,14 +1,15 @@
-"""The simulator linearized at a point, with the starts of all windows eliminated.
+"""The simulator linearized at a point, with the initial states of all windows eliminated.
 
 In units of the noise, window w has r_w = residual, J_w = d outputs / d parameters and B_w = d outputs / d start, with
-parameters in unit-cube coordinates and starts in units of their prior sd. The starts are nuisances with a Gaussian
-prior from the log, so the step (dx, dz_w) minimizes
+parameters in unit-cube coordinates and initial states in units of their prior sd. The initial states are nuisances with
+a Gaussian prior from the log, so the step (dx, dz_w) minimizes
 
     sum_w |r_w - J_w dx - B_w dz_w|^2 + k |z_w + dz_w|^2,
 
 with k the variance of the residual over that of the noise, times its autocorrelation time. While the model is wrong k
-is large and the starts stay where they were measured; when only noise is left k is 1 and they are fitted freely.
-So a noisy start is not mistaken for a missing effect, and a missing effect is not hidden in the starts.
+is large and the initial states stay where they were measured; when only noise is left k is 1 and they are fitted
+freely. So a noisy initial state is not mistaken for a missing effect, and a missing effect is not hidden in the initial
+states.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ class SETTINGS:
     # of the step of one-sided differences: central ones, of parameters that are confounded
     sharper: float = 0.1
     # Of the prior sd, within the limits below; the latter where bodies touch, and short differences are jumps
-    start_step: float = 0.1
-    rough_start_step: float = 1.0
+    initial_step: float = 0.1
+    rough_initial_step: float = 1.0
     # m, rad, m/s, rad/s; the longest is of the sd itself
     shortest: float = 1e-6
     longest: float = 1e-2
@@ -41,7 +42,12 @@ class SETTINGS:
     insensitive: float = 10.0
 
 
-BY_WINDOW = ("offsets", "residual", "by_parameter", "by_start")  # arrays of a linearization, (window, ...)
+BY_WINDOW = (
+    "corrections",
+    "residual",
+    "by_parameter",
+    "by_initial",
+)  # arrays of a linearization, (window, ...)
 
 
 @dataclass(frozen=True)
@@ -49,27 +55,27 @@ class Data:
     """What was measured, as arrays.
 
     measured (window, step, output); mask (window, step, output), False for padding and where an output has no sample.
-    noise_sd (output,): the noise floor, which weighs outputs against each other. start_sd (window, state): how well
+    noise_sd (output,): the noise floor, which weighs outputs against each other. initial_sd (window, state): how well
     each start is known beforehand; 0 where it may not be moved. hidden_tried (point, hidden state): the last of the
     states are effects' own, of which the log says nothing; values at which they are looked for, nan where one is left
-    as it is. start_step: of finite differences, as a share of start_sd. movable: the states that may be moved, in one
-    window at least. attitudes: which outputs make up each quaternion, (4,): what each shows of the same noise depends
-    on the orientation.
+    as it is. initial_step: of finite differences, as a share of initial_sd. movable: the states that may be moved, in
+    one window at least. attitudes: which outputs make up each quaternion, (4,): what each shows of the same noise
+    depends on the orientation.
     """
 
     space: ParameterSpace
     measured: np.ndarray
     mask: np.ndarray
     noise_sd: np.ndarray
-    start_sd: np.ndarray
+    initial_sd: np.ndarray
     hidden_tried: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    start_step: float = SETTINGS.start_step
+    initial_step: float = SETTINGS.initial_step
     movable: np.ndarray | None = None
     attitudes: Sequence[np.ndarray] = ()
 
     def __post_init__(self):
         if self.movable is None:
-            object.__setattr__(self, "movable", np.flatnonzero((self.start_sd > 0).any(axis=0)))
+            object.__setattr__(self, "movable", np.flatnonzero((self.initial_sd > 0).any(axis=0)))
 
     @property
     def hidden(self) -> int:
@@ -79,7 +85,7 @@ class Data:
     @property
     def rough(self) -> bool:
         """Whether contacts make outputs jump, so that differences are long."""
-        return self.start_step == SETTINGS.rough_start_step
+        return self.initial_step == SETTINGS.rough_initial_step
 
     @property
     def count(self) -> int:
@@ -100,40 +106,43 @@ class Data:
         squares = np.square(residual).sum(axis=1) / np.maximum(count, 1)
         return np.flatnonzero(squares > SETTINGS.stands_out * np.median(squares[count > 0]))
 
-    def other_starts(
-        self, offsets: np.ndarray, stuck: np.ndarray, drawn: np.ndarray | None = None
+    def other_initial_states(
+        self, corrections: np.ndarray, stuck: np.ndarray, drawn: np.ndarray | None = None
     ) -> np.ndarray:
-        """Offsets (trial, window, state) that the windows `stuck` might have been better begun with.
+        """Corrections (trial, window, state) that the windows `stuck` might have been better begun with.
 
         Those are at the start as it was measured, with hidden states at each of the points where they are looked for,
-        and at the points `drawn` (point, state), in units of the starts' sd; the other windows keep their `offsets`
-        (window, state).
+        and at the points `drawn` (point, state), in units of the initial states' sd; the other windows keep their
+        `corrections` (window, state).
         """
-        first = offsets.shape[1] - self.hidden
-        others = np.repeat(offsets[None], len(self.hidden_tried), axis=0)
+        first = corrections.shape[1] - self.hidden
+        others = np.repeat(corrections[None], len(self.hidden_tried), axis=0)
         for moved, tried in zip(others, self.hidden_tried, strict=True):
             moved[stuck, :first] = 0.0
-            moved[stuck, first:] = np.where(np.isnan(tried), offsets[stuck, first:], tried)
+            moved[stuck, first:] = np.where(np.isnan(tried), corrections[stuck, first:], tried)
         if drawn is None or not stuck.size:
             return others
-        anywhere = np.repeat(offsets[None], len(drawn), axis=0)
-        anywhere[:, stuck] = drawn[:, None] * self.start_sd[stuck]
+        anywhere = np.repeat(corrections[None], len(drawn), axis=0)
+        anywhere[:, stuck] = drawn[:, None] * self.initial_sd[stuck]
         return np.concatenate([others, anywhere])
 
     def rows(self, keep: np.ndarray) -> Data:
         """The data of the windows at `keep`."""
-        return replace(self, measured=self.measured[keep], mask=self.mask[keep], start_sd=self.start_sd[keep])
+        return replace(
+            self, measured=self.measured[keep], mask=self.mask[keep], initial_sd=self.initial_sd[keep]
+        )
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Simulations asked for: parameters (candidate, parameter), offsets of the starts (candidate, window, state).
+    """Simulations asked for: parameters (candidate, parameter), corrections of the initial states (candidate, window,
+    state).
 
     windows: the numbers of those that need to be simulated; all where None.
     """
 
     parameters: np.ndarray
-    offsets: np.ndarray
+    corrections: np.ndarray
     windows: np.ndarray | None = None
 
     def __len__(self) -> int:
@@ -142,13 +151,13 @@ class Trial:
     @property
     def but_first(self) -> Trial:
         """Without its first candidate."""
-        return Trial(self.parameters[1:], self.offsets[1:])
+        return Trial(self.parameters[1:], self.corrections[1:])
 
 
 def columns(
     data: Data,
     x: np.ndarray,
-    offsets: np.ndarray,
+    corrections: np.ndarray,
     *,
     parameters: bool = True,
     known: Known | None = None,
@@ -157,13 +166,13 @@ def columns(
     that are `known` do not move, so that nothing is simulated for them.
     """
     moves = np.eye(len(x)) * parameter_steps(data.space, x) if parameters else np.zeros((0, len(x)))
-    shifts = _start_steps(data)
+    shifts = _initial_steps(data)
     if known is not None:
         moves *= ~known.parameters[:, None]
-        shifts = shifts * ~known.starts
+        shifts = shifts * ~known.initial
     movable = data.movable
     points = np.concatenate([x[None], x + moves, np.repeat(x[None], len(movable), axis=0)])
-    moved = np.repeat(offsets[None], len(points), axis=0)
+    moved = np.repeat(corrections[None], len(points), axis=0)
     for row, state in enumerate(movable, start=1 + len(moves)):
         moved[row, :, state] += shifts[:, state]
     return Trial(data.space.from_unit(points), moved)
@@ -174,22 +183,22 @@ def parameter_steps(space: ParameterSpace, x: np.ndarray) -> np.ndarray:
     return np.where(x + space.steps <= 1, space.steps, -space.steps)
 
 
-def _start_steps(data: Data) -> np.ndarray:
-    return np.maximum(data.start_step * np.minimum(data.start_sd, SETTINGS.longest), SETTINGS.shortest)
+def _initial_steps(data: Data) -> np.ndarray:
+    return np.maximum(data.initial_step * np.minimum(data.initial_sd, SETTINGS.longest), SETTINGS.shortest)
 
 
 @dataclass(frozen=True)
 class Known:
-    """Sensitivities that were measured elsewhere, by another model or with fewer starts that may move.
+    """Sensitivities that were measured elsewhere, by another model or with fewer initial states that may move.
 
-    parameters (parameter,), starts (window, state): which. by_parameter (window, row, parameter) and by_start (window,
-    row, movable state), 0 for the others. updates: as of a linearization.
+    parameters (parameter,), initial (window, state): which. by_parameter (window, row, parameter) and by_initial
+    (window, row, movable state), 0 for the others. updates: as of a linearization.
     """
 
     parameters: np.ndarray
-    starts: np.ndarray
+    initial: np.ndarray
     by_parameter: np.ndarray
-    by_start: np.ndarray
+    by_initial: np.ndarray
     updates: int
 
     def completed(self, measured: Linearization) -> Linearization:
@@ -197,44 +206,46 @@ class Known:
         return replace(
             measured,
             by_parameter=measured.by_parameter + self.by_parameter,
-            by_start=measured.by_start + self.by_start,
+            by_initial=measured.by_initial + self.by_initial,
             updates=self.updates,
         )
 
 
 @dataclass(frozen=True)
 class Linearization:
-    """residual (window, row), by_parameter (window, row, parameter), by_start (window, row, state).
+    """residual (window, row), by_parameter (window, row, parameter), by_initial (window, row, state).
 
     updates: by how many steps its sensitivities were updated since they were measured.
     """
 
     data: Data
     x: np.ndarray
-    offsets: np.ndarray
+    corrections: np.ndarray
     residual: np.ndarray
     by_parameter: np.ndarray
-    by_start: np.ndarray
+    by_initial: np.ndarray
     updates: int = 0
 
     @classmethod
-    def from_columns(cls, data: Data, x, offsets, outputs, diverged, *, parameters: bool = True):
+    def from_columns(cls, data: Data, x, corrections, outputs, diverged, *, parameters: bool = True):
         """From what the trial of `columns` gave. A difference that diverged counts as no sensitivity."""
         residuals = data.residual(outputs)
         size = len(x) if parameters else 0
         residual, slopes = residuals[0].copy(), residuals[1:]
         np.subtract(residual, slopes, out=slopes)
         slopes *= ~diverged[1:, :, None]
-        by_parameter, by_start = slopes[:size], slopes[size:]
+        by_parameter, by_initial = slopes[:size], slopes[size:]
         by_parameter /= parameter_steps(data.space, x)[:size, None, None]
-        scale = (data.start_sd / _start_steps(data))[:, data.movable]
-        by_start *= scale.T[:, :, None]
-        return cls(data, x, offsets, residual, np.moveaxis(by_parameter, 0, -1), np.moveaxis(by_start, 0, -1))
+        scale = (data.initial_sd / _initial_steps(data))[:, data.movable]
+        by_initial *= scale.T[:, :, None]
+        return cls(
+            data, x, corrections, residual, np.moveaxis(by_parameter, 0, -1), np.moveaxis(by_initial, 0, -1)
+        )
 
     def central(self) -> Trial:
         """Central differences along the parameters: first all to one side, then all to the other."""
         points = self.data.space.from_unit(np.concatenate(self._sides()))
-        return Trial(points, np.repeat(self.offsets[None], len(points), axis=0))
+        return Trial(points, np.repeat(self.corrections[None], len(points), axis=0))
 
     def with_central(self, outputs: np.ndarray, diverged: np.ndarray) -> Linearization:
         """With sensitivities from what the trial of `central` gave; a parameter of which one side is beyond the bounds
@@ -255,21 +266,27 @@ class Linearization:
         above, below = self.x + steps, self.x - steps
         return np.where(above > 1, self.x, above), np.where(below < 0, self.x, below)
 
-    def moved(self, x: np.ndarray, offsets: np.ndarray, residual: np.ndarray) -> Linearization:
-        """This linearization updates to x (parameter,), offsets (window, state) and the residual (window, row) there.
+    def moved(self, x: np.ndarray, corrections: np.ndarray, residual: np.ndarray) -> Linearization:
+        """This linearization updates to x (parameter,), corrections (window, state) and the residual (window, row)
+        there.
 
         The sensitivities get the least change that explains the residual (Broyden 1965); those of parameters that
         showed next to nothing get none.
         """
         dx = x - self.x
-        dz = scaled_offsets(self.data, offsets - self.offsets)[:, self.data.movable]
-        expected = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
+        dz = scaled_corrections(self.data, corrections - self.corrections)[:, self.data.movable]
+        expected = self.residual - self.by_parameter @ dx - (self.by_initial @ dz[..., None])[..., 0]
         along = np.where(self.insensitive, 0.0, dx)
         square = float(along @ along)
         change = (expected - residual)[..., None] * (along / square) if square > 0 else 0.0
         by_parameter = self.by_parameter + change
         return replace(
-            self, x=x, offsets=offsets, residual=residual, by_parameter=by_parameter, updates=self.updates + 1
+            self,
+            x=x,
+            corrections=corrections,
+            residual=residual,
+            by_parameter=by_parameter,
+            updates=self.updates + 1,
         )
 
     def known_in(self, data: Data, parameters: int, states: int) -> Known | None:
@@ -281,16 +298,16 @@ class Linearization:
             return None
         by_parameter = np.zeros((*self.residual.shape, len(data.space)))
         by_parameter[..., :parameters] = self.by_parameter[..., :parameters]
-        sd, now = own.start_sd[:, :states], data.start_sd[:, :states]
-        starts = np.zeros(data.start_sd.shape, dtype=bool)
-        starts[:, :states] = (sd == now) & (sd > 0)
-        by_start = np.zeros((*self.residual.shape, len(data.movable)))
+        sd, now = own.initial_sd[:, :states], data.initial_sd[:, :states]
+        initial = np.zeros(data.initial_sd.shape, dtype=bool)
+        initial[:, :states] = (sd == now) & (sd > 0)
+        by_initial = np.zeros((*self.residual.shape, len(data.movable)))
         for column, state in enumerate(data.movable):
-            if starts[:, state].any():
-                known = self.by_start[..., np.searchsorted(own.movable, state)]
-                by_start[..., column] = known * starts[:, state, None]
+            if initial[:, state].any():
+                known = self.by_initial[..., np.searchsorted(own.movable, state)]
+                by_initial[..., column] = known * initial[:, state, None]
         which = np.arange(len(data.space)) < parameters
-        return Known(which, starts, by_parameter, by_start, self.updates)
+        return Known(which, initial, by_parameter, by_initial, self.updates)
 
     def windows(self, keep: np.ndarray) -> Linearization:
         """The linearization of the windows at `keep`."""
@@ -306,10 +323,10 @@ class Linearization:
 
     @cached_property
     def z(self) -> np.ndarray:
-        """Offsets of the movable starts in units of their sd, (window, state)."""
+        """Corrections of the movable initial states in units of their sd, (window, state)."""
         movable = self.data.movable
-        sd = self.data.start_sd[:, movable]
-        return np.divide(self.offsets[:, movable], sd, out=np.zeros_like(sd), where=sd > 0)
+        sd = self.data.initial_sd[:, movable]
+        return np.divide(self.corrections[:, movable], sd, out=np.zeros_like(sd), where=sd > 0)
 
     @property
     def insensitive(self) -> np.ndarray:
@@ -324,49 +341,49 @@ class Linearization:
     @cached_property
     def products(self) -> tuple[np.ndarray, ...]:
         """JJ (window, p, p), JB (window, p, s), BB (window, s, s), Jr (window, p), Br (window, s)."""
-        j, b, r = self.by_parameter, self.by_start, self.residual[..., None]
+        j, b, r = self.by_parameter, self.by_initial, self.residual[..., None]
         jt, bt = j.swapaxes(1, 2), b.swapaxes(1, 2)
         return jt @ j, jt @ b, bt @ b, (jt @ r)[..., 0], (bt @ r)[..., 0]
 
-    def start_gain(self, k: float, damping: np.ndarray | float = 0.0) -> np.ndarray:
+    def initial_gain(self, k: float, damping: np.ndarray | float = 0.0) -> np.ndarray:
         """(B'B + (k + damping) 1)^-1, (window, state, state); damping per window (window,) or one for all."""
         bb = self.products[2]
         ridge = np.broadcast_to(k + damping, len(bb))[:, None, None]
         return np.linalg.inv(bb + ridge * np.eye(bb.shape[-1]))
 
     @property
-    def fitted_starts(self) -> float:
-        """How many free numbers the starts amount to, their prior counted."""
+    def fitted_initial(self) -> float:
+        """How many free numbers the initial states amount to, their prior counted."""
         return float(self._fitted_states.sum())
 
     @property
     def fitted_hidden(self) -> np.ndarray:
         """How many of those are hidden states of effects, (window,)."""
-        first = self.data.start_sd.shape[1] - self.data.hidden
+        first = self.data.initial_sd.shape[1] - self.data.hidden
         return self._fitted_states[:, self.data.movable >= first].sum(axis=1)
 
     @cached_property
     def _fitted_states(self) -> np.ndarray:
         """(window, movable state)."""
         k = self.inflation
-        return 1 - k * np.diagonal(self.start_gain(k), axis1=1, axis2=2)
+        return 1 - k * np.diagonal(self.initial_gain(k), axis1=1, axis2=2)
 
     @property
     def information(self) -> np.ndarray:
         """What each window says of each parameter alone, its start fitted too, (window, parameter)."""
-        through = self.start_gain(self.inflation) @ self.products[1].swapaxes(1, 2)
-        return np.square(self.by_parameter - self.by_start @ through).sum(axis=1)
+        through = self.initial_gain(self.inflation) @ self.products[1].swapaxes(1, 2)
+        return np.square(self.by_parameter - self.by_initial @ through).sum(axis=1)
 
     @property
     def leverage(self) -> np.ndarray:
-        """What share of each residual's own noise the starts take up, (window, row)."""
-        b = self.by_start
-        return ((b @ self.start_gain(self.inflation)) * b).sum(axis=-1)
+        """What share of each residual's own noise the initial states take up, (window, row)."""
+        b = self.by_initial
+        return ((b @ self.initial_gain(self.inflation)) * b).sum(axis=-1)
 
     def normal(self, k: float, damping: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Hessian (p, p) and downhill gradient (p,) of half the objective, starts eliminated."""
+        """Hessian (p, p) and downhill gradient (p,) of half the objective, initial states eliminated."""
         jj, jb, _, jr, br = self.products
-        gain = self.start_gain(k, damping)
+        gain = self.initial_gain(k, damping)
         through = jb @ gain
         hessian = (jj - through @ jb.swapaxes(1, 2)).sum(axis=0)
         gradient = (jr - (through @ (br - k * self.z)[..., None])[..., 0]).sum(axis=0)
@@ -383,25 +400,25 @@ class Linearization:
         """Likewise to where it is lowest within low <= step <= high (parameter,). What shows next to nothing stays."""
         return held_step(*self.normal(k, damping), k, low, high)
 
-    def start_offsets(self, dx: np.ndarray, k: float, damping: np.ndarray | float = 0.0) -> np.ndarray:
-        """Offsets (window, state), SI, that belong to the parameter step dx (parameter,)."""
+    def corrections_after(self, dx: np.ndarray, k: float, damping: np.ndarray | float = 0.0) -> np.ndarray:
+        """Corrections (window, state), SI, that belong to the parameter step dx (parameter,)."""
         _, jb, _, _, br = self.products
         right = br - (jb.swapaxes(1, 2) @ dx) - k * self.z
-        dz = (self.start_gain(k, damping) @ right[..., None])[..., 0]
+        dz = (self.initial_gain(k, damping) @ right[..., None])[..., 0]
         movable = self.data.movable
-        offsets = self.offsets.copy()
-        offsets[:, movable] = (self.z + dz) * self.data.start_sd[:, movable]
-        return offsets
+        corrections = self.corrections.copy()
+        corrections[:, movable] = (self.z + dz) * self.data.initial_sd[:, movable]
+        return corrections
 
-    def predicted_gain(self, dx: np.ndarray, offsets: np.ndarray, k: float) -> float:
-        """How much the objective should fall by the step to `offsets` (window, state) and dx (parameter,)."""
-        return float(self.predicted_gains(dx, offsets, k).sum())
+    def predicted_gain(self, dx: np.ndarray, corrections: np.ndarray, k: float) -> float:
+        """How much the objective should fall by the step to `corrections` (window, state) and dx (parameter,)."""
+        return float(self.predicted_gains(dx, corrections, k).sum())
 
-    def predicted_gains(self, dx: np.ndarray, offsets: np.ndarray, k: float) -> np.ndarray:
+    def predicted_gains(self, dx: np.ndarray, corrections: np.ndarray, k: float) -> np.ndarray:
         """Likewise of each window, (window,)."""
-        z = scaled_offsets(self.data, offsets)[:, self.data.movable]
+        z = scaled_corrections(self.data, corrections)[:, self.data.movable]
         dz = z - self.z
-        residual = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
+        residual = self.residual - self.by_parameter @ dx - (self.by_initial @ dz[..., None])[..., 0]
         return self.objectives(k) - objectives(residual, z, k)
 
     def objectives(self, k: float) -> np.ndarray:
@@ -410,34 +427,39 @@ class Linearization:
 
 
 def objectives(residual: np.ndarray, z: np.ndarray, k: float) -> np.ndarray:
-    """Squared residuals (..., window, row) and, weighed by k, starts' offsets (..., window, state), per window."""
+    """Squared residuals (..., window, row) and, weighed by k, initial states' corrections (..., window, state), per
+    window.
+    """
     return np.square(residual).sum(axis=-1) + k * np.square(z).sum(axis=-1)
 
 
 def trial_objectives(
-    data: Data, offsets: np.ndarray, outputs: np.ndarray, diverged: np.ndarray, k: float
+    data: Data, corrections: np.ndarray, outputs: np.ndarray, diverged: np.ndarray, k: float
 ) -> np.ndarray:
-    """Objectives (trial, window) of what starts at `offsets` (trial, window, state) gave: inf where it diverged.
+    """Objectives (trial, window) of what states moved by `corrections` (trial, window, state) gave: inf where it
+    diverged.
 
     outputs (trial, window, step, output), diverged (trial, window).
     """
-    values = objectives(data.residual(outputs), scaled_offsets(data, offsets), k)
+    values = objectives(data.residual(outputs), scaled_corrections(data, corrections), k)
     return np.where(diverged | ~np.isfinite(values), np.inf, values)
 
 
-def best_trials(offsets: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The best trial of each window: its offsets (window, state) and its value (window,).
+def best_trials(corrections: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The best trial of each window: its corrections (window, state) and its value (window,).
 
-    offsets (trial, window, state), values (trial, window).
+    corrections (trial, window, state), values (trial, window).
     """
     pick, window = np.argmin(values, axis=0), np.arange(values.shape[1])
-    return offsets[pick, window], values[pick, window]
+    return corrections[pick, window], values[pick, window]
 
 
-def scaled_offsets(data: Data, offsets: np.ndarray) -> np.ndarray:
-    """Offsets (..., window, state) in units of their prior sd."""
-    sd = data.start_sd
-    return np.divide(offsets, sd, out=np.zeros_like(offsets), where=np.broadcast_to(sd > 0, offsets.shape))
+def scaled_corrections(data: Data, corrections: np.ndarray) -> np.ndarray:
+    """Corrections (..., window, state) in units of their prior sd."""
+    sd = data.initial_sd
+    return np.divide(
+        corrections, sd, out=np.zeros_like(corrections), where=np.broadcast_to(sd > 0, corrections.shape)
+    )
 
 
 def inflation(data: Data, residual: np.ndarray) -> float:

@@ -57,6 +57,8 @@ class SensorSaturation(NumberEffect):
 
 
 def _has_a_range(model: mujoco.MjModel, sensor: int) -> bool:
-    """Whether what is measured can leave the range of the sensor, and is no position that starts are read off."""
+    """Whether what is measured can leave the range of the sensor, and is no position that initial states are read
+    off.
+    """
     ranges = int(model.sensor_type[sensor]) == int(mujoco.mjtSensor.mjSENS_RANGEFINDER)
     return ranges or quantity(model, sensor).unit in UNITS

@@ -13,7 +13,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.model.parameters import Parameter, ParameterSpace
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, LogColumns
 
 MODEL = Path(__file__).with_name("scooping.xml")
@@ -60,11 +60,11 @@ class ScoopingPlant(ActionTask):
         scoop = SETTINGS.half_length * np.asarray(actions, dtype=float)[:, 0]
         qpos = np.repeat(self.model.qpos0[None], count, axis=0)
         qpos[:, self._spatula_x] = scoop
-        starts = Starts(qpos, np.zeros((count, self.model.nv)), np.zeros((count, 0)), np.zeros(count))
+        initial = InitialStates(qpos, np.zeros((count, self.model.nv)), np.zeros((count, 0)), np.zeros(count))
         inputs = np.empty((count, self.grid_steps, 2))
         inputs[:, :, 0] = scoop[:, None]
         inputs[:, :, 1] = lift_height(self.timestep * np.arange(self.grid_steps))
-        return Episodes(starts, inputs)
+        return Episodes(initial, inputs)
 
     def _output(self, name: str) -> Channel:
         sensor = self.model.sensor(name)  # of a position, the x component

@@ -15,7 +15,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.model.parameters import Parameter, ParameterSpace
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, Feature, LogColumns
 
 MODEL = Path(__file__).with_suffix(".xml")
@@ -107,7 +107,7 @@ class AirHockey(ActionTask):
         count = len(actions)
         qpos = np.repeat(self._start[None], count, axis=0)
         qpos[:, self._mallet] = actions[:, :2]
-        starts = Starts(qpos, np.zeros((count, self.model.nv)), np.zeros((count, 0)), np.zeros(count))
+        initial = InitialStates(qpos, np.zeros((count, self.model.nv)), np.zeros((count, 0)), np.zeros(count))
         to_puck = self.puck_start - actions[:, :2]
         angle = np.arctan2(to_puck[:, 1], to_puck[:, 0]) + actions[:, 2]
         velocity = actions[:, 3:] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -115,7 +115,7 @@ class AirHockey(ActionTask):
         steps = stroke / actions[:, 3] / self.timestep
         waited = np.arange(self.grid_steps) - round(SETTINGS.pause / self.timestep)
         share = np.where(waited < 0, 0.0, np.clip(steps[:, None] - waited, 0.0, 1.0))  # of each step, moving
-        return Episodes(starts, share[:, :, None] * velocity[:, None])
+        return Episodes(initial, share[:, :, None] * velocity[:, None])
 
     def observe(self, outputs):
         """The puck's x and y, m."""

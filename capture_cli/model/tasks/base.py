@@ -14,7 +14,7 @@ import numpy as np
 
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class Task(ABC):
 class Episodes:
     """What a batch of episodes starts from, and its inputs (episode, grid, input) at the model's steps."""
 
-    starts: Starts
+    initial: InitialStates
     inputs: np.ndarray
 
 

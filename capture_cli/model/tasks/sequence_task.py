@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.parameters import Parameter, ParameterSpace
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks.base import ActionTask, Episodes, Feature, Task
 
 
@@ -70,13 +70,13 @@ class SequenceTask(MachineTask):
         sequence = sequence.reshape(len(actions), len(self.point_times), len(self.inputs))
         before, after = sequence[:, self._before], sequence[:, self._before + 1]
         inputs = before + self._part[:, None] * (after - before)
-        return Episodes(Starts(qpos, qvel, act, np.zeros(len(actions))), inputs)
+        return Episodes(InitialStates(qpos, qvel, act, np.zeros(len(actions))), inputs)
 
 
-def actions_of(starts: Starts, sequences: np.ndarray) -> np.ndarray:
-    """Actions (episode, action) from starts and the inputs at the points, sequences (episode, point, input)."""
+def actions_of(initial: InitialStates, sequences: np.ndarray) -> np.ndarray:
+    """Actions (episode, action) from initial states and the inputs at the points, sequences (episode, point, input)."""
     return np.concatenate(
-        [starts.qpos, starts.qvel, starts.act, sequences.reshape(len(sequences), -1)], axis=1
+        [initial.qpos, initial.qvel, initial.act, sequences.reshape(len(sequences), -1)], axis=1
     )
 
 

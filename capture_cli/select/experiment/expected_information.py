@@ -1,4 +1,4 @@
-"""What episodes would add to an estimate: the precision that a fit of their windows has, starts eliminated.
+"""What episodes would add to an estimate: the precision that a fit of their windows has, initial states eliminated.
 
 Sensitivities are differences over what is still open, one standard deviation to either side along each axis of the
 covariance, but no shorter than finite differences of a fit are. Where the slopes to the two sides differ, half their
@@ -83,17 +83,19 @@ def sensitivities(
     """Of all windows about `point` (parameter,), where they begin where `prepared` has them begin."""
     data = prepared.data(simulator)
     points = axes.points(simulator.space.to_unit(point))
-    offsets = np.zeros_like(data.start_sd)
-    starts = columns(data, points[0], offsets, parameters=False)
-    about = np.repeat(offsets[None], len(points) - 1, axis=0)
+    corrections = np.zeros_like(data.initial_sd)
+    initial = columns(data, points[0], corrections, parameters=False)
+    about = np.repeat(corrections[None], len(points) - 1, axis=0)
     trial = Trial(
-        np.concatenate([starts.parameters, simulator.space.from_unit(points[1:])]),
-        np.concatenate([starts.offsets, about]),
+        np.concatenate([initial.parameters, simulator.space.from_unit(points[1:])]),
+        np.concatenate([initial.corrections, about]),
     )
     outputs, diverged = prepared.evaluate(simulator, trial)
-    own = slice(len(starts))
-    at = Linearization.from_columns(data, points[0], offsets, outputs[own], diverged[own], parameters=False)
-    change = at.residual - data.residual(outputs[len(starts) :])
+    own = slice(len(initial))
+    at = Linearization.from_columns(
+        data, points[0], corrections, outputs[own], diverged[own], parameters=False
+    )
+    change = at.residual - data.residual(outputs[len(initial) :])
     up, down = np.moveaxis(change.reshape(2, len(axes.sd), *at.residual.shape), 1, -1)
     scale = axes.sd / axes.step
     slope, bend = ((up - down) / 2 * scale, (up + down) / 2 * scale)

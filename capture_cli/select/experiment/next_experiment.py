@@ -11,7 +11,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.fit import Fit
-from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.estimate.initial_states.from_outputs import model_initial_states
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.log.arrays import Log
 from capture_cli.log.windows import Windows, cut
@@ -106,11 +106,11 @@ def driven_motion(
     simulator: Simulator, windows: Windows, point: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Outputs (window, step, output) and qpos (window, grid, nq) of a machine that is driven so from where its model
-    starts, and which windows diverge, (window,).
+    initial states, and which windows diverge, (window,).
 
     What runs away need not be finite: it is said to stay where it began.
     """
-    motion = simulator.motion(windows, model_starts(simulator.task.model, len(windows)).starts, point)
+    motion = simulator.motion(windows, model_initial_states(simulator.task.model, len(windows)).states, point)
     stays = motion.diverged[:, None, None]
     outputs, qpos = (np.where(stays, values[:, :1], values) for values in (motion.outputs, motion.qpos))
     return windows.sample(outputs, np.arange(len(windows))), qpos, motion.diverged

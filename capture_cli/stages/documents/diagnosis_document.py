@@ -56,12 +56,12 @@ def _predicting(found: Explanation) -> list[PredictingModel]:
     before, after = found.before, found.after
     nominal = found.parts.prepared.task.space.nominal
     models = [
-        PredictingModel("nominal", (), nominal, before.whole.offsets),
-        PredictingModel("identified", (), before.again.point, before.whole.offsets),
+        PredictingModel("nominal", (), nominal, before.whole.corrections),
+        PredictingModel("identified", (), before.again.point, before.whole.corrections),
     ]
     if after is not before:
         fit = after.again
-        models.append(PredictingModel("diagnosed", fit.effects, fit.point, after.whole.offsets))
+        models.append(PredictingModel("diagnosed", fit.effects, fit.point, after.whole.corrections))
     return models
 
 
@@ -109,8 +109,8 @@ def _arrays(found: Explanation, curves: list[ResidualCurve]) -> dict[str, np.nda
     bins = {k: np.array([getattr(c, k) for c in curves]) for k in ("centre", "before", "after", "error")}
     return {
         **measured,
-        **initial_state_arrays(found.parts.prepared, found.begun),
-        "window/start_hidden": found.begun.hidden,
+        **initial_state_arrays(found.parts.prepared, found.initial_conditions),
+        "window/start_hidden": found.initial_conditions.hidden,
         "window/part": found.parts.number,
         "step/before": measured["step/measured"] - found.before.whole.in_units[mask],
         "step/after": measured["step/measured"] - found.after.whole.in_units[mask],

@@ -68,22 +68,22 @@ class Report:
         fit = self.result.at
         found, lacking = self.result.intervals, lack_of_fit(fit.at)
         # of the machine's own states, and of those that the task's effects hide
-        offsets = np.zeros((len(self.is_test), fit.offsets.shape[1]))
-        offsets[~self.is_test] = fit.offsets
+        corrections = np.zeros((len(self.is_test), fit.corrections.shape[1]))
+        corrections[~self.is_test] = fit.corrections
         if self.is_test.any():
             test = self.prepared.part(self.is_test)
             tolerance = self._state_tolerance(lacking.lacking)
             on_test = self.fits.on(test, fit, tolerance, thorough=not lacking.lacking)
-            offsets[self.is_test] = on_test.offsets
-        simulated, nominal, diverged = self._curves(offsets)
+            corrections[self.is_test] = on_test.corrections
+        simulated, nominal, diverged = self._curves(corrections)
         recordings = self._recordings(found)
-        whole = self._whole(offsets, simulated)
+        whole = self._whole(corrections, simulated)
         held = held_out(self.fits, fit, found.covariance, whole, self.is_test)
         shorter = shorter_step(self.fits, self.result.part, fit, found)
         stamps = time_stamp_jitter(self.prepared, whole, fit.at, ~self.is_test)
-        judged = Judged(held, self._predicted(offsets), shorter, stamps)
+        judged = Judged(held, self._predicted(corrections), shorter, stamps)
         document = self._document(found, lacking, whole, judged, recordings, diverged)
-        arrays = self._arrays(found, offsets, simulated, nominal, recordings)
+        arrays = self._arrays(found, corrections, simulated, nominal, recordings)
         attributes = {"parameters": list(self.space.names), **attributes_of(self.prepared.log)}
         return Estimate(document, arrays, attributes)
 
@@ -94,26 +94,26 @@ class Report:
         rough = 1.0  # of the objective over k: a standard error
         return rough if lacking and not self.result.elsewhere else FIT.tolerance
 
-    def _curves(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _curves(self, corrections: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Simulated at the estimate and at the nominal values, (window, step, output); whether it diverged at the
         estimate, (window,).
         """
         points = np.stack([self.best.parameters, self.space.nominal])
-        trial = Trial(points, np.repeat(offsets[None], 2, axis=0))
+        trial = Trial(points, np.repeat(corrections[None], 2, axis=0))
         outputs, diverged = self.prepared.evaluate(self.fits.simulator([]), trial)
         return outputs[0], outputs[1], diverged[0]
 
-    def _whole(self, offsets: np.ndarray, simulated: np.ndarray) -> PartFit:
-        """The whole log at the estimate: `simulated` (window, step, output), and `offsets` (window, state), the
+    def _whole(self, corrections: np.ndarray, simulated: np.ndarray) -> PartFit:
+        """The whole log at the estimate: `simulated` (window, step, output), and `corrections` (window, state), the
         corrections of initial states.
         """
         data = self.prepared.data(self.fits.simulator([]))
-        return PartFit(data, offsets, data.residual(simulated), np.zeros(len(offsets)))
+        return PartFit(data, corrections, data.residual(simulated), np.zeros(len(corrections)))
 
-    def _predicted(self, offsets: np.ndarray) -> Predicted:
-        """Errors in open loop of the model as it was declared, and with the estimate; offsets (window, state)."""
+    def _predicted(self, corrections: np.ndarray) -> Predicted:
+        """Errors in open loop of the model as it was declared, and with the estimate; corrections (window, state)."""
         points = {"nominal": self.space.nominal, "identified": self.best.parameters}
-        models = [PredictingModel(name, (), point, offsets) for name, point in points.items()]
+        models = [PredictingModel(name, (), point, corrections) for name, point in points.items()]
         return prediction_errors(self.fits, models)
 
     def _recordings(self, joint: Intervals):
@@ -132,7 +132,7 @@ class Report:
                 fit.part(which),
                 [],
                 self.best.parameters,
-                offsets=self.result.at.offsets[which],
+                corrections=self.result.at.corrections[which],
                 effort=Effort(rounds=12, tolerance=LEAST_SQUARES.converged_gain, seed=self.seed),
             )
             if own is None:
@@ -151,10 +151,10 @@ class Report:
 
     def _gain(self, part: PreparedLog, own: Fit) -> float:
         """By how much less of the objective over k the fit `own` to the part leaves than the estimate does, each with
-        starts of its own.
+        initial states of its own.
         """
         k, together = own.at.inflation, replace(own, point=self.best.parameters)
-        there = self.fits.starts_at(part, together, LEAST_SQUARES.converged_gain, own.offsets)
+        there = self.fits.initial_states_at(part, together, LEAST_SQUARES.converged_gain, own.corrections)
         return float((there.objectives(k) - own.at.objectives(k)).sum() / k)
 
     # --- what is written ---
@@ -187,7 +187,7 @@ class Report:
             "diverged_windows": int(diverged.sum()),
             "lack_of_fit": lacks[0],
             "unmeasured_joints": _unmeasured_joints(prepared.task),
-            "open_loops": dict(prepared.starts.open_loops),
+            "open_loops": dict(prepared.initial.open_loops),
             "correlation": _correlation(found.covariance).tolist(),
             "recordings": None if recordings is None else recordings["document"],
             "rounds": [
@@ -223,13 +223,13 @@ class Report:
         now = self.result.in_context.walk.rounds
         return now if before is None else before.followed_by(now)
 
-    def _arrays(self, found: Intervals, offsets, simulated, nominal, recordings) -> dict[str, np.ndarray]:
+    def _arrays(self, found: Intervals, corrections, simulated, nominal, recordings) -> dict[str, np.ndarray]:
         mask = self.prepared.windows.mask
-        initial = self.prepared.begun(self.fits.simulator([]), self.best.parameters, offsets)
+        initial = self.prepared.initial_conditions(self.fits.simulator([]), self.best.parameters, corrections)
         arrays = {
             **measured_arrays(self.prepared),
             "window/is_test": self.is_test,
-            "window/start_offset": offsets[:, : self.prepared.starts.sd.shape[1]],
+            "window/start_offset": corrections[:, : self.prepared.initial.sd.shape[1]],
             **initial_state_arrays(self.prepared, initial),
             "step/simulated": simulated[mask],
             "step/nominal": nominal[mask],

@@ -25,7 +25,7 @@ from capture_cli.model.fields import ModelFields
 from capture_cli.model.mjcf.impossible_inertia import impossible_inertias
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks.base import Task
-from capture_cli.simulate.simulator import Begun
+from capture_cli.simulate.simulator import InitialConditions
 from capture_cli.stages.documents.undetermined_document import undetermined_of
 from capture_cli.store.output import sha256
 
@@ -274,14 +274,14 @@ def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
     }
 
 
-def initial_state_arrays(prepared: PreparedLog, initial: Begun) -> dict[str, np.ndarray]:
+def initial_state_arrays(prepared: PreparedLog, initial: InitialConditions) -> dict[str, np.ndarray]:
     """The state that the simulation of each window begins with, and its time by the log's clock."""
-    starts = initial.starts
+    states = initial.states
     return {
         "window/start_time": prepared.log.time[prepared.windows.first] + initial.drift,
-        "window/start_qpos": starts.qpos,
-        "window/start_qvel": starts.qvel,
-        "window/start_act": starts.act,
+        "window/start_qpos": states.qpos,
+        "window/start_qvel": states.qvel,
+        "window/start_act": states.act,
     }
 
 

@@ -12,10 +12,10 @@ import numpy as np
 from capture_cli.common.frozen import frozen
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError, did_you_mean
-from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.estimate.initial_states.from_outputs import model_initial_states
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import gaps, usual_interval
-from capture_cli.model.states import Starts
+from capture_cli.model.states import InitialStates
 from capture_cli.model.target_names import object_names
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.options.record import RecordOptions
@@ -42,12 +42,12 @@ OF_MULTISINES = ("episodes", "duration", "rate", "amplitude", "band")
 
 @dataclass(frozen=True)
 class Drive:
-    """time (step,) s, inputs (step, input), episode ends (episode,), starts (episode), actions (episode, action)."""
+    """time (step,) s, inputs (step, input), episode ends (episode,), initial (episode), actions (episode, action)."""
 
     time: np.ndarray
     inputs: np.ndarray
     ends: np.ndarray
-    starts: Starts
+    initial: InitialStates
     actions: np.ndarray | None = None
 
     def rows(self, keep: np.ndarray) -> Drive:
@@ -58,7 +58,7 @@ class Drive:
             time=self.time[kept],
             inputs=self.inputs[kept],
             ends=np.cumsum([len(steps[episode]) for episode in keep]),
-            starts=self.starts.rows(keep),
+            initial=self.initial.rows(keep),
             actions=None if self.actions is None else self.actions[keep],
         )
 
@@ -131,7 +131,7 @@ def acted(task: ActionTask, actions: np.ndarray, rate: float) -> Drive:
         time=np.tile(time, episodes),
         inputs=inputs.reshape(episodes * steps, -1),
         ends=steps * (1 + np.arange(episodes)),
-        starts=driven.starts,
+        initial=driven.initial,
         actions=actions,
     )
 
@@ -241,17 +241,17 @@ def _refuse_gaps(source: MeasuredLog) -> None:
 
 def _starts(
     model: mujoco.MjModel, count: int, asked: RecordOptions, generator: np.random.Generator
-) -> Starts:
+) -> InitialStates:
     """The model's own, but for joints of which positions or velocities are given."""
-    starts = model_starts(model, count).starts
+    initial = model_initial_states(model, count).states
     for option, given, state, address in (
-        ("--start", asked.start, starts.qpos, model.jnt_qposadr),
-        ("--start-velocity", asked.start_velocity, starts.qvel, model.jnt_dofadr),
+        ("--start", asked.start, initial.qpos, model.jnt_qposadr),
+        ("--start-velocity", asked.start_velocity, initial.qvel, model.jnt_dofadr),
     ):
         for joint, (low, high) in (given or {}).items():
             number = _joint_of_one_coordinate(model, joint, option)
             state[:, address[number]] = generator.uniform(low, high, count)
-    return starts
+    return initial
 
 
 def _joint_of_one_coordinate(model: mujoco.MjModel, joint: str, option: str) -> int:

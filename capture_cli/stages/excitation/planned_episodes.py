@@ -8,9 +8,9 @@ import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.estimate.difference_step import difference_step
-from capture_cli.estimate.initial_states.from_outputs import StartEstimate, states_of
+from capture_cli.estimate.initial_states.from_outputs import InitialStateEstimate, states_of
 from capture_cli.estimate.initial_states.nominal_motion import motion_at
-from capture_cli.estimate.initial_states.of_windows import as_acted, in_whole_episodes, log_starts
+from capture_cli.estimate.initial_states.of_windows import as_acted, in_whole_episodes, log_initial_states
 from capture_cli.estimate.log_windows import cut_log
 from capture_cli.estimate.noise.noise_floor import NoiseFloor
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -96,11 +96,11 @@ def planned(
     outputs = whole.sample(rollouts.sensors[..., [c.index for c in task.outputs]], np.arange(len(whole)))
     log = _measured(task, driven, outputs[whole.mask], known)
     windows = cut_log(log, task, known.window)
-    read = log_starts(log, task, windows, known.noise, threads)
+    read = log_initial_states(log, task, windows, known.noise, threads)
     true = states_of(rollouts, *in_whole_episodes(windows, whole))
-    starts = replace(read.starts, qpos=true.qpos, qvel=true.qvel, act=true.act)
+    initial = replace(read.states, qpos=true.qpos, qvel=true.qvel, act=true.act)
     none_held_out = Split(np.zeros(len(windows), dtype=bool), "nothing held out")
-    there = StartEstimate(starts, read.sd)
+    there = InitialStateEstimate(initial, read.sd)
     prepared = PreparedLog(task, log, windows, there, known.noise, none_held_out)
     judged = 16  # windows, evenly spread, in which it is seen how long finite differences have to be
     some = evenly_spread(len(windows), judged)
@@ -113,7 +113,7 @@ def _motion(task: Task, driven: Drive, known: Known, threads: int | None) -> tup
     """Whole episodes, in which nothing was measured, and how the machine moves through them at the estimate."""
     whole = cut_log(_log(task, driven, np.zeros((len(driven.time), len(task.outputs)))), task, None)
     controls = task.controls(whole.controls)
-    return whole, motion_at(task, known.point, driven.starts, controls, threads=threads)
+    return whole, motion_at(task, known.point, driven.initial, controls, threads=threads)
 
 
 def _measured(task: Task, driven: Drive, outputs: np.ndarray, known: Known) -> MeasuredLog:

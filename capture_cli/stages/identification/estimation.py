@@ -137,10 +137,10 @@ def by_physics(
     start: np.ndarray,
     progress: Progress,
     descents: Descents,
-    offsets: np.ndarray | None = None,
+    corrections: np.ndarray | None = None,
     known: Linearization | None = None,
 ) -> Found:
-    """What is found from `start` (parameter,) and corrections of initial states, `offsets` (window, state).
+    """What is found from `start` (parameter,) and corrections of initial states, `corrections` (window, state).
 
     known: the linearization there, in which fewer initial states may move, if there is one. Raises FitError where every
     simulation diverged.
@@ -163,9 +163,15 @@ def by_physics(
 
     told = {}
     if known is not None and issubclass(descents.method, LeastSquares):
-        told["known"] = known.known_in(data, len(simulator.space), data.start_sd.shape[1])
+        told["known"] = known.known_in(data, len(simulator.space), data.initial_sd.shape[1])
     solver = descents.method(
-        data, start=start, seed=descents.seed, rounds=rounds, starts=descents.starts, offsets=offsets, **told
+        data,
+        start=start,
+        seed=descents.seed,
+        rounds=rounds,
+        starts=descents.starts,
+        corrections=corrections,
+        **told,
     )
     progress.doing(f"{what}, round 1 of at most {rounds}")
     best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
@@ -203,7 +209,7 @@ def by_rounds(
     if not logged.noise_sd.all():
         points = np.concatenate([points, _around(part.task.space, estimates[-1])])
     errors = _errors(fits, part, logged, points)
-    none = np.zeros_like(part.starts.sd)
+    none = np.zeros_like(part.initial.sd)
     history = [Best(p, none, float(e)) for p, e in zip(estimates, errors[1:], strict=False)]
     nearest = points[np.argmin(errors)]
     descents = Descents(options.seed, idle_rounds=SETTINGS.idle_as_acted)
@@ -240,14 +246,14 @@ class Refinement:
         """
         self.progress.doing("looking for the differences that contacts need")
         fits, part, best = found.fits, found.part, found.best
-        step, rollouts = difference_step(part, self.threads, best.parameters, best.offsets)
+        step, rollouts = difference_step(part, self.threads, best.parameters, best.corrections)
         fits.rollouts += rollouts
         if step <= part.difference_step:
             return found
         longer = ModelFits(replace(fits.prepared, difference_step=step), self.threads)
         longer.rollouts = fits.rollouts
         what = "fit with longer differences"
-        return _after(found, self._again(longer, (best.parameters, best.offsets), what))
+        return _after(found, self._again(longer, (best.parameters, best.corrections), what))
 
     def escaped(self, found: Found) -> Found:
         """`found`; where bodies touch or joints stop, escaped from local minima as long as that is possible.
@@ -258,7 +264,7 @@ class Refinement:
         """
         self.progress.doing("looking for a better minimum than where the fit ended")
         fits, part = found.fits, found.part
-        if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.offsets):
+        if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.corrections):
             return found
         for number in range(ESCAPE.escapes):
             what = f"escape {number + 1} of at most {ESCAPE.escapes}"
@@ -282,7 +288,7 @@ class Refinement:
             point = _where_it_shows(found, column)
             if point is not None:
                 what = f"fit from where {found.at.space.names[column]} shows"
-                again = self._again(found.fits, (point, found.at.at.offsets), what)
+                again = self._again(found.fits, (point, found.at.at.corrections), what)
                 gained = (found.best.error**2 - again.best.error**2) * found.at.at.data.count
                 if gained > FIT.as_good * found.at.at.inflation:
                     return _after(found, again)
@@ -301,7 +307,7 @@ class Refinement:
             sampled = sampled_posterior(at, covariance, evaluate, self.seed)
             if sampled.gain > FIT.tolerance:
                 what = "fit from the likeliest point about"
-                found = _after(found, self._again(fits, (sampled.point, at.offsets), what))
+                found = _after(found, self._again(fits, (sampled.point, at.corrections), what))
             found = replace(found, sampled=sampled)
         return found
 
@@ -377,7 +383,7 @@ def _after(found: Found, again: Found) -> Found:
 def _freed(fits: ModelFits, found: Found, progress: Progress, descents: Descents) -> Found:
     """What is found from there with initial states as free as the log leaves them."""
     fits.rollouts = found.fits.rollouts
-    return by_physics(fits, found.best.parameters, progress, descents, found.best.offsets, found.known)
+    return by_physics(fits, found.best.parameters, progress, descents, found.best.corrections, found.known)
 
 
 def _around(space: ParameterSpace, point: np.ndarray) -> np.ndarray:
