@@ -524,6 +524,11 @@ def test_terminal_says_that_none_of_these_explains_it():
         in text
     )
     assert "runner-up  cogging@x, of 1 candidates: it explains nothing (score 3)" in text
+    ended = nothing_found()
+    ended.document["out_of_time"] = "The time limit ended the search."
+    assert findings.summary(ended.record).startswith(
+        "In the time given no effect was found: the held-out error"
+    )
     assert "where      drive accounts for 45 % of the residual acceleration of q" in text
     assert "Nothing is missing: the error is 1.02 times the noise floor." in printed(make(effects=()), 140)
     assert "and more." in printed(full(), 140)

@@ -177,10 +177,10 @@ def summary(record: DiagnosisRecord) -> str:
             f"{significant(last)} times the noise floor. {by_stamps or not_alike(record)}"
         )
     if not effects:
-        return (
-            f"None of these: the {where} error is {significant(last)} times the noise floor{_of_one(left)}, and no "
-            f"effect of the catalogue explains it.{_with_formula(record)}{stamps}"
-        )
+        size = f"the {where} error is {significant(last)} times the noise floor{_of_one(left)}"
+        if record.out_of_time:
+            return f"In the time given no effect was found: {size}.{stamps}"
+        return f"None of these: {size}, and no effect of the catalogue explains it.{_with_formula(record)}{stamps}"
     tied = [f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "" for e in effects]
     found = _found(record, [f"{placed(e)}{rivals}" for e, rivals in zip(effects, tied, strict=True)])
     if _fits_alone(record):
