@@ -27,20 +27,22 @@ class Measured:
     """Files of a folder of the real logs, and how they are asked about. task: a file there, or one of the examples.
 
     effects: what is missing, as far as that is known. error, output: which error of which output is looked at on the
-    held-out part; scale: to `unit`. limits: of that error, and of the seconds that the process takes.
+    held-out part; scale: to `unit`. limits: of that error, and of the seconds that the process takes. test: recordings
+    that are held out; the last windows where None. options: of `diagnose`, besides.
     """
 
     name: str
     folder: str
     files: Sequence[str]
     task: str
-    test: str
+    test: str | None
     effects: frozenset[str]
     error: str
     output: str
     unit: str
     scale: float
-    limits: tuple[float, float]
+    limits: tuple[float | None, float]
+    options: Sequence[str] = ()
 
 
 SO101 = ("friction_gravity_20_50", "multisine_20_50", "step_response_20_50", "prbs_excitation_20_50")
@@ -85,6 +87,20 @@ MACHINES = (
         math.degrees(1),
         (0.4, 180.0),
     ),
+    Measured(
+        "Go2",
+        "go2",
+        ["log.csv"],
+        "task.toml",
+        None,
+        frozenset(),
+        "rmse",
+        "FL_hip",
+        "deg",
+        math.degrees(1),
+        (None, 300.0),
+        ("--time-limit", "280"),
+    ),
 )
 
 
@@ -116,7 +132,8 @@ class RealMachines(Benchmark):
                 "--out",
                 "out",
             ]
-            answer = answered([*command, "--task", str(task), "--test", machine.test], Path(folder))
+            test = () if machine.test is None else ("--test", machine.test)
+            answer = answered([*command, "--task", str(task), *test, *machine.options], Path(folder))
         found = [placed(e) for e in answer.document["effects"]]
         before, after = (
             answer.document[stage]["test"][machine.error][machine.output] * machine.scale
