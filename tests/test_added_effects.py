@@ -232,8 +232,7 @@ def found(slider_task, tmp_path, monkeypatch):
     """A diagnosis of the slider that found a friction; what else of its file is read elsewhere is not asked for."""
     monkeypatch.setattr(Diagnosis, "KIND", replace(Diagnosis.KIND, shape={}))
     monkeypatch.setattr(
-        "capture_cli.stages.recorded.found_model._read",
-        lambda folder: Diagnosis.read_document(folder),
+        Diagnosis, "read", classmethod(lambda kind, folder: kind(kind.read_document(folder), {}, {}))
     )
     return diagnosis(tmp_path / "found", slider_task, friction(1.5))
 

@@ -33,7 +33,7 @@ from capture_cli.simulate.multisine import check_above_zero, check_amplitude, mu
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.excitation.drive import Drive, acted
 from capture_cli.stages.excitation.planned_episodes import Known, planned
-from capture_cli.stages.recorded.proposed_machine import is_diagnosis, proposed_machine
+from capture_cli.stages.recorded.found_model import kind_of, proposed_machine
 from capture_cli.stages.recorded.recorded_estimate import RecordedEstimate
 from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.store.diagnosis import EXPERIMENT, Diagnosis
@@ -59,14 +59,13 @@ def propose(options: ProposeOptions) -> dict[str, Any]:
     CaptureError.
     """
     result, amplitude, policy = options.result, options.amplitude, options.policy
-    diagnosed = is_diagnosis(result)
     machine, log = proposed_machine(result, options.task)
     for path, option in ((options.out, "--out"), (options.csv, "--csv")):
         if path is not None:
             refuse_inputs(path, [result, log, policy, *task_inputs(machine).values()], option=option)
     check_amplitude(machine, amplitude)
     check_above_zero(machine, amplitude, "the log did")
-    if diagnosed:
+    if kind_of(result) is Diagnosis:
         if policy is not None:
             raise OptionError(
                 f"--policy: {result} is a diagnosis, whose next experiment is proposed",

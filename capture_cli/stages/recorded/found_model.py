@@ -15,13 +15,18 @@ from capture_cli.model.effects.ranges import WithValues
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks.base import Task
 from capture_cli.select.expression import NAME as FORMULA
-from capture_cli.select.recorded_effects import formula_term, recorded_effects, recorded_values
+from capture_cli.select.recorded_effects import (
+    formula_term,
+    placed_effects,
+    recorded_effects,
+    recorded_values,
+)
 from capture_cli.stages.recorded.recorded_task import load_recorded
 from capture_cli.store.diagnosis import Diagnosis
 from capture_cli.store.estimate import Estimate
-from capture_cli.store.result import check_bounds, is_within, read_provenance
+from capture_cli.store.result import Result, check_bounds, is_within, read_provenance
 
-MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
+MADE_BY = {Estimate: "identify", Diagnosis: "diagnose"}
 
 
 @dataclass(frozen=True)
@@ -42,10 +47,9 @@ class FoundModel:
         """Of the estimate or diagnosis directory `result`; task: where its task is now, if it was moved since. Raises
         CaptureError.
         """
-        found = _read(result)
-        command = MADE_BY[found["format"]]
-        provenance = read_provenance(result, f"make it again with `capture {command}`")
-        machine = load_recorded(result, provenance, task, found["log"]["path"])
+        kind = kind_of(result)
+        found, command = kind.read(result).document, MADE_BY[kind]
+        machine = _machine(result, kind, found, task)
         if machine.name != found["task"]:
             raise OptionError(
                 f"{result} belongs to the task {found['task']!r}, and --task is {machine.name!r}",
@@ -60,16 +64,36 @@ class FoundModel:
         return cls(machine, values, effects, found, command)
 
 
-def _read(result: Path) -> Mapping[str, Any]:
-    """The document of an estimate or diagnosis directory."""
-    if (result / "diagnosis.json").is_file():
-        return Diagnosis.read(result).document
-    if (result / "estimate.json").is_file():
-        return Estimate.read(result).document
+def kind_of(result: Path) -> type[Estimate] | type[Diagnosis]:
+    """Of the result in that directory. Raises StoreError where there is none."""
+    for kind in (Diagnosis, Estimate):
+        if (result / f"{kind.NAME}.json").is_file():
+            return kind
     raise StoreError(
         f"{result} holds neither estimate.json nor diagnosis.json",
         cure="give a directory that `capture identify` or `capture diagnose` made",
     )
+
+
+def proposed_machine(result: Path, task: str | None) -> tuple[Task, str]:
+    """The machine that a proposal by `result` is for, and the path of its log; task: as of `FoundModel.read`.
+
+    It has the effects of an estimate; of a diagnosis it is the declared one, beside which effects are judged. Raises
+    CaptureError.
+    """
+    kind = kind_of(result)
+    found = kind.read_document(result)
+    machine = _machine(result, kind, found, task)
+    if kind is Estimate:
+        machine = machine.with_effects(
+            placed_effects(recorded_effects(found["effects"], machine, "identify"))
+        )
+    return machine, found["log"]["path"]
+
+
+def _machine(result: Path, kind: type[Result], found: Mapping[str, Any], task: str | None) -> Task:
+    """The task of the document `found` in the directory `result`, as it was then."""
+    return load_recorded(result, read_provenance(result, kind.KIND.cure), task, found["log"]["path"])
 
 
 def _with_expression(
