@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # The loop closed: what `diagnose` finds on a machine goes back into the simulator, where policy and identifier are
 # trained again. declared/evaluation and mended/evaluation have the errors and successes on such machines before and after.
+# Which half gains what, at full size: python -m docs.closed_loop_halves FOLDER
 # Use: docs/closed_loop.sh FOLDER [tiny | full] [ROBOT]
 #   tiny: object scooping, whose arm goes 8 mm to the side of where it is told. A label says where to scoop whatever the
 #         arm does: the declared estimate is off by these 8 mm, and succeeds as often; the mended one is right

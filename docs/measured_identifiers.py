@@ -18,6 +18,7 @@ from capture_cli.report import paper_numbers
 from capture_cli.store.evaluation import Evaluation
 
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "evaluation"
+HALVES = RUNS.parent / "closed-loop" / "halves.json"
 LOOP = {"before": RUNS.parent / "closed-loop" / "declared", "after": RUNS.parent / "closed-loop" / "mended"}
 ROUNDS = (1, 3, 5, 10, 30)
 RATIO_ROUNDS = (10, 20, 30)
@@ -287,7 +288,20 @@ def closed_loop() -> str:
             [f"successes of {pairs} {when}", *(f"{pairs * e['success'][n]:.0f}" for n in rounds)]
         )
     table = _table(["measured strokes", *map(str, rounds)], distances + successes)
-    return f"{table}\n\n{_loop_errors()}"
+    return f"{table}\n\n{_halves()} {_loop_errors()}"
+
+
+def _halves() -> str:
+    """What policy and identifier each gained, in words."""
+    halves = json.loads(HALVES.read_text(encoding="utf-8"))
+    succeeded = {
+        policy: {name: sum(of) for name, of in by.items()} for policy, by in halves["success"].items()
+    }
+    policy, identifier = succeeded["mended"]["declared"], succeeded["declared"]["mended"]
+    return (
+        f"After {halves['rounds']} strokes the policy before wins {identifier} with the estimates after, the policy "
+        f"after {policy} with those before."
+    )
 
 
 def _loop_errors() -> str:
@@ -299,8 +313,8 @@ def _loop_errors() -> str:
     off = (estimates - target.reshape(estimates.shape)) / span
     claimed, among, mean = np.median(sd / span, axis=0), off.std(axis=0, ddof=1), np.abs(off.mean(axis=0))
     return (
-        f"After {last} strokes intervals claim standard deviations of {_between(claimed)} of the ranges; errors differ "
-        f"by {_between(among)} among tables, and their mean over all tables is {_between(mean)}."
+        f"Intervals then claim standard deviations of {_between(claimed)} of the ranges; errors differ by "
+        f"{_between(among)} among tables, and their mean over all tables is {_between(mean)}."
     )
 
 

@@ -114,3 +114,11 @@ def test_what_intervals_claim_stands_beside_what_estimates_are_off_by(monkeypatc
     said = measured_identifiers._loop_errors()
     assert "claim standard deviations of 0.1 to 0.5 % of the ranges" in said
     assert "by 1 to 2 % among tables" in said and said.endswith("over all tables is 0 to 10 %.")
+
+
+def test_of_one_kind_policy_and_identifier_win_what_their_evaluation_says():
+    halves = json.loads(measured_identifiers.HALVES.read_text())["success"]
+    for kind, folder in zip(("declared", "mended"), measured_identifiers.LOOP.values(), strict=True):
+        document = measured_identifiers.Evaluation.read_document(folder / "evaluation")
+        [entry] = document["identifiers"].values()
+        assert sum(halves[kind][kind]) == round(document["pairs"] * entry["success"][-1])
