@@ -74,7 +74,7 @@ def checkpoint(folder: Path, name: str, identifier: str, **of_histories) -> Path
 def one_is_drawn(monkeypatch, evaluated):
     """The figures of `evaluated`, of what it evaluates, and of no other."""
     monkeypatch.setattr("capture_cli.report.evaluation_figures.write_figures", lambda *_: None)
-    monkeypatch.setattr("capture_cli.stages.train_sysid._write_figure", lambda *_: None)
+    monkeypatch.setattr("capture_cli.report.training.write_identifier_figure", lambda *_: None)
 
 
 @pytest.fixture(autouse=True)

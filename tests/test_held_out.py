@@ -42,7 +42,7 @@ def test_a_rod_that_tips_for_the_first_time_where_it_is_held_out_is_explained(tm
     assert found["held_out"]["error"]["test"]["normalized"] < 1.1
     low, high = found["parameters"]["com"]["ci95"]
     assert low <= found["held_out"]["parameters"]["com"] <= high
-    assert any("com" in note and "held out" in note for note in findings.notes(EstimateRecord.of(found)))
+    assert any("com" in note and "Held-out" in note for note in findings.notes(EstimateRecord.of(found)))
     document = diagnose(real_log=log, estimate=estimate, out=tmp_path / "diagnosis", quiet=True).document
     assert (document["verdict"], document["effects"]) == ("explained", [])
 

@@ -197,7 +197,7 @@ def test_recovers_what_was_planted(plant, identify, machine, noise):
     task = MACHINES / machine / "task.toml"
     log = plant(task, parameters={}, random_parameters=True, noise=noise, seed=7)
     truth = json.loads(log.path.with_suffix(".truth.json").read_text())["parameters"]
-    found = identify(log, task, initial=2)
+    found = identify(log, task, starts=2)
     assert found.document["verdict"] == "explained"
     assert all(p["identifiable"] and not p["at_bound"] for p in found.document["parameters"].values())
     assert np.abs(errors_in(found, truth, "range")).max() < (1e-3 if noise == 0 else 0.02)
@@ -307,7 +307,7 @@ def test_the_same_bytes_for_any_threads_and_any_run(plant, identify, tmp_path):
     hashes = set()
     for run, threads in enumerate((1, 2, 1)):
         out = tmp_path / f"run{run}"
-        identify(log, initial=2, threads=threads, test=None, out=out)
+        identify(log, starts=2, threads=threads, test=None, out=out)
         hashes.add(sha256(out / "estimate.zarr"))
     assert len(hashes) == 1
 

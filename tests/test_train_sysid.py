@@ -35,6 +35,7 @@ from capture_cli.context.identifiers._transformer import Architecture
 from capture_cli.context.identifiers.base import Signature, run_rounds
 from capture_cli.errors import FitError, OptionError, OutputError, StoreError
 from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.report import training
 from capture_cli.stages import train_sysid as stage
 from capture_cli.stages.train_sysid import signature_of, train_sysid
 from capture_cli.store.histories import Histories
@@ -44,13 +45,13 @@ from capture_cli.store.output import unfinished
 LEARNED = [n for n, c in REGISTRY.items() if issubclass(c, LearnedIdentifier) and not c.simulates]
 TINY = {"width": 16, "layers": 1, "heads": 2, "steps": 12, "batch": 16, "warmup": 2}
 FILES = ("identifier.json", "identifier.safetensors", "metrics.jsonl")
-WRITE_FIGURE = stage._write_figure
+WRITE_FIGURE = training.write_identifier_figure
 
 
 @pytest.fixture(autouse=True)
 def those_of_trained_are_drawn(monkeypatch):
     """The figures of `trained`, and of no other."""
-    monkeypatch.setattr(stage, "_write_figure", lambda *_: None)
+    monkeypatch.setattr(training, "write_identifier_figure", lambda *_: None)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +72,7 @@ def trained(store, tmp_path_factory):
     def make(name: str) -> Path:
         if name not in made:
             made[name] = folder / name
-            with mock.patch.object(stage, "_write_figure", WRITE_FIGURE):
+            with mock.patch.object(training, "write_identifier_figure", WRITE_FIGURE):
                 train_sysid(
                     histories=store,
                     out=made[name],

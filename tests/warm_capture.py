@@ -33,11 +33,11 @@ TRAINING = (  # what stages that train import when they do; torch the last of th
     "torch._dynamo",
 )
 DRAWS = {  # what of a stage draws its pages and figures
-    "train_policy": "train_policy._write_figure",
-    "train_sysid": "train_sysid._write_figure",
-    "identify": "identify._write_pages",
-    "diagnose": "diagnose._write_pages",
-    "eval_sim2sim": "evaluation.evaluation_run._write_figures",
+    "train_policy": "report.training.write_policy_figure",
+    "train_sysid": "report.training.write_identifier_figure",
+    "identify": "stages.identify._write_pages",
+    "diagnose": "stages.diagnose._write_pages",
+    "eval_sim2sim": "stages.evaluation.evaluation_run._write_figures",
 }
 
 
@@ -73,7 +73,7 @@ def serve(address: str, stages: Sequence[str], undrawn: Sequence[str]) -> None:
             importlib.import_module(name)
     for stage in undrawn:
         module, _, function = DRAWS[stage].rpartition(".")
-        drawing = importlib.import_module(f"capture_cli.stages.{module}")
+        drawing = importlib.import_module(f"capture_cli.{module}")
         assert callable(getattr(drawing, function))
         setattr(drawing, function, lambda *_: None)
     with socket.socket(socket.AF_UNIX) as listening:
