@@ -140,6 +140,7 @@ class RealMachines(Benchmark):
             for stage in ("before", "after")
         )
         result.details[machine.name] = {"found": found, "verdict": answer.document["verdict"]}
+        limit, longest = machine.limits
         known, others = machine.effects & set(found), set(found) - machine.effects
         if machine.effects:
             result.figures.append(
@@ -152,7 +153,7 @@ class RealMachines(Benchmark):
         result.figures += [
             Figure(f"{machine.name}: others named", len(others)),
             Figure(f"  {machine.error} of {machine.output}, held out, declared", before, machine.unit),
-            Figure("  with what was found", after, machine.unit, target=(None, machine.limits[0])),
-            Figure("  whole process", answer.seconds, "s", target=(None, machine.limits[1])),
+            Figure("  with what was found", after, machine.unit, limit and (None, limit)),
+            Figure("  whole process", answer.seconds, "s", target=(None, longest)),
             Figure("  CPU", answer.cpu_seconds, "s"),
         ]
