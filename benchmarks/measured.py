@@ -153,7 +153,7 @@ class RealMachines(Benchmark):
         result.figures += [
             Figure(f"{machine.name}: others named", len(others)),
             Figure(f"  {machine.error} of {machine.output}, held out, declared", before, machine.unit),
-            Figure("  with what was found", after, machine.unit, limit and (None, limit)),
+            Figure("  with what was found", after, machine.unit, None if limit is None else (None, limit)),
             Figure("  whole process", answer.seconds, "s", target=(None, longest)),
             Figure("  CPU", answer.cpu_seconds, "s"),
         ]

@@ -207,12 +207,12 @@ class ModelComparison:
         self.know(found)
         return found
 
-    def error_as_told(self, fit: Fit, placed: Placed, needed: float) -> float:
-        """The error of `fit` where the hidden states of an effect in it follow from the log before each window; fitted
-        anew from there where that is above `needed`: how it swings after long depends on little.
+    def error_as_told(self, fit: Fit, told: Placed, needed: float) -> float:
+        """The error of `fit` with one of its effects as it is `told`, of which the hidden states follow from the log
+        before each window; fitted anew from there where that is above `needed`: how it swings after long depends on
+        little.
         """
-        told = placed._replace(effect=placed.effect.as_told())
-        effects = tuple(told if e.name == placed.name else e for e in fit.effects)
+        effects = tuple(told if e.name == told.name else e for e in fit.effects)
         error = self.fits.on(self.fit_part, replace(fit, effects=effects)).normalized
         if error <= needed:
             return error

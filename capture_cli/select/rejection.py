@@ -51,14 +51,15 @@ def implausible(models: ModelComparison, current: Fit, fit: Fit, placed: Placed)
 
 def stands_in(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:
     """Why an effect in `fit` is no explanation but by hidden states that are free in each window, or None."""
-    if placed.effect.as_told() is None:
+    effect = placed.effect.as_told()
+    if effect is None:
         return None
     alone = len(fit.effects) == len(current.effects) + 1
     without = current if alone else models.without(fit, placed.name)
     if without is None:
         return None
     needed = needed_error(without, SETTINGS.material)
-    told = models.error_as_told(fit, placed, needed)
+    told = models.error_as_told(fit, placed._replace(effect=effect), needed)
     if told <= needed:
         return None
     return (

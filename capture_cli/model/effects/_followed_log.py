@@ -8,6 +8,17 @@ from functools import partial
 import numpy as np
 
 
+def since_stretches_began(time: np.ndarray, stretches: Sequence[slice]) -> np.ndarray:
+    """s, at each step of a log since the one of its `stretches` began that the step is of, (step,); 0 outside of them.
+
+    time (step,): of the whole log.
+    """
+    since = np.zeros(len(time))
+    for steps in stretches:
+        since[steps] = time[steps] - time[steps.start]
+    return since
+
+
 def measured_stretches(
     time: np.ndarray, values: np.ndarray, stretches: Sequence[slice]
 ) -> Iterator[tuple[slice, np.ndarray, Callable[[np.ndarray], np.ndarray]]]:

@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from capture_cli.common.frozen import frozen
+from capture_cli.model.effects._followed_log import since_stretches_began
 from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects.base import Effect, SeenLog, spread
 from capture_cli.model.parameters import Parameter
@@ -27,13 +28,11 @@ class SETTINGS:
     swings: float = 0.5
     # How much farther it commonly swings, before a window begins, than what pushes it would push it once
     resonates: float = 4.0
-    first: float = (
-        0.5  # of a window: what begins later in a stretch of the log begins as the log before it says
-    )
+    # Of a window: what begins later in a stretch of the log begins as the log before it says.
+    first: float = 0.5
     hides: float = 2.0  # times what the noise of the log makes of it: how far off that may be
-    finer: int = (
-        4  # than the log: straight between its samples a swing of 20 Hz in 100 Hz would be 12 % too small
-    )
+    # Than the log: straight between its samples a swing of 20 Hz in 100 Hz would be 12 % too small.
+    finer: int = 4
     kept: int = 64  # frequencies and damping ratios, the last ones tried, of which it is known how the log shakes them
 
 
@@ -149,7 +148,7 @@ class VibrationEffect(Effect):
         far = SETTINGS.resonates * push / turning**2
         if self.shaken is None or first is None:
             return {"displaced": far * states[:, 0], "moving": far * turning * states[:, 1]}
-        unknown = self.shaken.elapsed(first) < SETTINGS.first * self.window
+        unknown = self.shaken.elapsed[first] < SETTINGS.first * self.window
         far = np.where(unknown, far, share * self.shaken.error(values[:, 1], values[:, 2]))
         after, following = self.shaken.after(values[:, 1], values[:, 2], first, timestep)
         begins = {"displaced": far * states[:, 0], "moving": far * turning * states[:, 1]}
@@ -173,19 +172,14 @@ class Shaken:
     """What swings after a path x of the log at its difference: x + d at every step of the log, and x' + d'.
 
     time, path (step,): of the log, s, and m or rad; nan where it was not measured. stretches: of its steps; noise: of
-    the path, standard deviation.
+    the path, standard deviation. elapsed (step,): s, since the stretch began.
     """
 
     def __init__(self, time: np.ndarray, path: np.ndarray, stretches: Sequence[slice], noise: float):
         self._time, self._path, self._stretches, self._noise = time, path, stretches, noise
-        self._began = np.array(time, dtype=float)
-        for steps in stretches:
-            self._began[steps] = time[steps.start]
+        self._interval = float(np.median(np.diff(time)))
+        self.elapsed = since_stretches_began(time, stretches)
         self._swings = lru_cache(maxsize=SETTINGS.kept)(self._swinging)
-
-    def elapsed(self, first: np.ndarray) -> np.ndarray:
-        """s, since the stretches began that the steps `first` of the log are of."""
-        return self._time[first] - self._began[first]
 
     def error(self, frequency: np.ndarray, damping_ratio: np.ndarray) -> np.ndarray:
         """m or rad: how far off x + d may be for the noise of the path, (simulation,) each.
@@ -193,8 +187,7 @@ class Shaken:
         A path with white noise of density S shakes x + d by a variance of S w / (4 zeta): S is the noise's variance
         times the interval between samples.
         """
-        interval = float(np.median(np.diff(self._time)))
-        gathered = np.pi * frequency * interval / (2 * damping_ratio)
+        gathered = np.pi * frequency * self._interval / (2 * damping_ratio)
         return SETTINGS.hides * self._noise * np.sqrt(gathered + 1.0)
 
     def after(
@@ -234,8 +227,6 @@ def swings_after(
     turning: w, rad/s. Exact where x moves steadily between steps, which are even: x' then jumps at each, and d' by as
     much the other way, and the rest is free vibration.
     """
-    if len(time) < 2:
-        return path, np.zeros_like(path)
     step = float(time[1] - time[0])
     speed = np.diff(path) / step
     speed = np.append(speed, speed[-1])

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._followed_force import FollowedForce
-from capture_cli.model.effects._followed_log import measured_stretches
+from capture_cli.model.effects._followed_log import measured_stretches, since_stretches_began
 from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects._scales import SETTINGS as SCALES
 from capture_cli.model.effects._scales import free_inertia
@@ -83,9 +83,7 @@ class ViscoelasticSpring(FollowedForce):
         self._sampled = 0.0
         self._rests = lru_cache(maxsize=SETTINGS.kept)(self._followed)
         if self.seen is not None and self.seen.stretches:
-            self._began = np.zeros(len(self.seen.path))  # s: when the stretch that a step is of did
-            for steps in self.seen.stretches:
-                self._began[steps] = self.seen.time[steps.start]
+            self._elapsed = since_stretches_began(self.seen.time, self.seen.stretches)
             self._sampled = float(np.median(np.diff(self.seen.time)))
 
     def force_since(self, given, timestep, first, states):
@@ -96,11 +94,7 @@ class ViscoelasticSpring(FollowedForce):
         if self.seen is None:
             return super().states_matter(first)
         slowest = self.space.high[self.space.names.index("relaxation")]
-        return (self._elapsed(first) < SETTINGS.forgotten * slowest)[:, None]
-
-    def _elapsed(self, first: np.ndarray) -> np.ndarray:
-        """s, since the stretches of the log began that the steps `first` are of."""
-        return self.seen.time[first] - self._began[first]
+        return (self._elapsed[first] < SETTINGS.forgotten * slowest)[:, None]
 
     def _rest(self, relaxation: np.ndarray, first: np.ndarray, stretched: np.ndarray) -> np.ndarray:
         """m or rad: where springs rest at the steps `first` of the log, all (simulation,), that were stretched by
@@ -110,7 +104,7 @@ class ViscoelasticSpring(FollowedForce):
         for time in np.unique(relaxation):
             rows = relaxation == time
             rest[rows] = self._rests(float(time))[first[rows]]
-        left = np.exp(-self._elapsed(first) / relaxation)
+        left = np.exp(-self._elapsed[first] / relaxation)
         return rest - self.characteristic_travel * stretched * left
 
     def _followed(self, relaxation: float) -> np.ndarray:
