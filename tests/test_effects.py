@@ -85,42 +85,27 @@ def test_an_effect_says_what_it_is_and_where_it_sits(name):
 
 
 @pytest.mark.smoke
-@pytest.mark.parametrize("name", SIZED)
-def test_at_null_it_is_exactly_the_plain_model_whatever_the_shapes(name):
+@pytest.mark.parametrize("name", NAMES)
+def test_at_null_it_is_the_plain_model_away_from_it_outputs_move_and_at_its_bounds_they_are_finite(name):
+    """At null whatever the shapes; away from it every parameter moves an output somewhere."""
     rng = np.random.default_rng(0)
-    for where, effect in placed(name):
-        space = effect.space
-        anywhere = space.low + rng.random((3, len(space))) * space.span
-        null = np.where(is_shape(effect), anywhere, space.nominal)
-        sensors, _ = run(machine(where), (effect, null), count=3)
-        assert np.array_equal(sensors, np.repeat(plain(where), 3, axis=0)), (where, effect.site)
-
-
-@pytest.mark.smoke
-@pytest.mark.parametrize("name", SIZED)
-def test_away_from_null_every_parameter_moves_outputs_somewhere(name):
     unmoved = {p.name for _, effect in placed(name) for p in effect.parameters}
     for where, effect in placed(name):
-        space = effect.space
+        space, shape = effect.space, is_shape(effect)
+        null = np.where(shape, space.low + rng.random((3, len(space))) * space.span, space.nominal)
         base = away(effect, 0.5)
-        one_less = np.repeat(base[None], len(space), axis=0)
-        shape = is_shape(effect)
         # without each amplitude in turn, and with another value of each shape
+        one_less = np.repeat(base[None], len(space), axis=0)
         end = np.where(base > space.low, space.low, space.high)
         np.fill_diagonal(one_less, np.where(shape, 0.5 * (end + base), space.nominal))
-        sensors, _ = run(machine(where), (effect, np.vstack([base, one_less])), count=1 + len(space))
-        moved = np.abs(sensors[1:] - sensors[0]).max(axis=(1, 2)) > 1e-9
+        values = np.vstack([null, space.low, space.high, base, one_less])
+        sensors, diverged = run(machine(where), (effect, values), count=len(values))
+        assert np.isfinite(sensors[3:5]).all() and not diverged[3:5].any(), (where, effect.site)
+        if name in SIZED:
+            assert np.array_equal(sensors[:3], np.repeat(plain(where), 3, axis=0)), (where, effect.site)
+        moved = np.abs(sensors[6:] - sensors[5]).max(axis=(1, 2)) > 1e-9
         unmoved -= {p.name for p, m in zip(effect.parameters, moved, strict=True) if m}
     assert not unmoved
-
-
-@pytest.mark.smoke
-@pytest.mark.parametrize("name", NAMES)
-def test_at_its_bounds_the_simulation_stays_finite(name):
-    for where, effect in placed(name):
-        space = effect.space
-        sensors, diverged = run(machine(where), (effect, np.stack([space.low, space.high])), count=2)
-        assert np.isfinite(sensors).all() and not diverged.any(), (where, effect.site)
 
 
 @pytest.mark.parametrize("name", NAMES)
