@@ -511,12 +511,12 @@ def test_a_covariate_of_few_values_has_a_bin_for_each():
     assert curve(generator.permutation(contacts), generator.standard_normal(4000)).share < 0.01
 
 
-@pytest.fixture
-def logs(tmp_path):
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
     """Two logs of the slider, the first with friction that its model lacks."""
-    made = {}
+    folder, made = tmp_path_factory.mktemp("logs"), {}
     for name, effects, seed in (("friction", ["coulomb-friction@x=3"], 1), ("plain", [], 2)):
-        made[name] = tmp_path / f"{name}.zarr"
+        made[name] = folder / f"{name}.zarr"
         record(
             task=str(SLIDER),
             out=made[name],
@@ -643,6 +643,7 @@ def test_an_estimate_of_another_log_is_refused(logs, tmp_path, monkeypatch):
 
 
 def test_what_the_estimate_held_out_stays_so(logs, tmp_path, monkeypatch):
+    look_among(monkeypatch, "coulomb-friction")
     monkeypatch.setattr("capture_cli.stages.identify._write_pages", lambda *_: None)
     monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
     options = {"real_log": logs["plain"], "quiet": True, "threads": 1, "starts": 1}

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from diagnosing import look_among
 from inspecting import inspect
 from setting_numbers import set_numbers
 
@@ -32,28 +33,33 @@ def without_pages(monkeypatch):
     monkeypatch.setattr(output, "_sync", lambda _: None)
 
 
-def test_a_rod_that_tips_for_the_first_time_where_it_is_held_out_is_explained(tmp_path):
+@pytest.fixture(scope="module")
+def strokes(tmp_path_factory) -> Path:
     """With this seed no fitted stroke is near enough to the centre of mass to tell its side of the spatula."""
-    log, estimate = tmp_path / "log.zarr", tmp_path / "estimate"
+    log = tmp_path_factory.mktemp("strokes") / "log.zarr"
     record(task="scooping", out=log, random_parameters=True, noise=2e-3, episodes=10, seed=1)
-    found = identify(real_log=log, out=estimate, quiet=True, threads=1).document
+    return log
+
+
+def test_a_rod_that_tips_for_the_first_time_where_it_is_held_out_is_explained(strokes, tmp_path):
+    estimate, options = tmp_path / "estimate", {"real_log": strokes, "starts": 1, "quiet": True, "threads": 1}
+    found = identify(out=estimate, **options).document
     assert found["error"]["test"]["normalized"] > 3
     assert found["verdict"] == "explained"
     assert found["held_out"]["error"]["test"]["normalized"] < 1.1
     low, high = found["parameters"]["com"]["ci95"]
     assert low <= found["held_out"]["parameters"]["com"] <= high
     assert any("com" in note and "Held-out" in note for note in findings.notes(EstimateRecord.of(found)))
-    document = diagnose(real_log=log, estimate=estimate, out=tmp_path / "diagnosis", quiet=True).document
+    document = diagnose(estimate=estimate, out=tmp_path / "diagnosis", **options).document
     assert (document["verdict"], document["effects"]) == ("explained", [])
 
 
-def test_parameters_that_the_fit_hardly_minds_need_not_be_within_their_intervals(tmp_path, monkeypatch):
-    """As intervals take the simulator for exact; the same log as above."""
+def test_parameters_that_the_fit_hardly_minds_need_not_be_within_their_intervals(
+    strokes, tmp_path, monkeypatch
+):
+    """As intervals take the simulator for exact."""
     monkeypatch.setattr("capture_cli.estimate.held_out._by_chance", lambda *_: False)
-    record(
-        task="scooping", out=tmp_path / "log.zarr", random_parameters=True, noise=2e-3, episodes=10, seed=1
-    )
-    options = {"real_log": tmp_path / "log.zarr", "quiet": True, "threads": 1}
+    options = {"real_log": strokes, "starts": 1, "quiet": True, "threads": 1}
     found = identify(out=tmp_path / "estimate", **options).document
     assert (found["verdict"], found["held_out"] is None) == ("explained", False)
     set_numbers(monkeypatch, "capture_cli.estimate.held_out", next_to_nothing=-1.0)
@@ -101,7 +107,8 @@ def test_a_machine_that_changed_before_what_is_held_out_is_not_explained(changed
     assert ["--test none" in cure and "capture diagnose" not in cure for cure in advice] == [True]
 
 
-def test_where_what_was_fitted_is_explained_no_formula_is_looked_for(changed):
+def test_where_what_was_fitted_is_explained_no_formula_is_looked_for(changed, monkeypatch):
+    look_among(monkeypatch, "payload", "coulomb-friction", "linear-stiffness")
     found = diagnose(
         real_log=changed,
         task=str(SLIDER),
@@ -138,7 +145,8 @@ def farther(tmp_path) -> Path:
     return tmp_path / "log.zarr"
 
 
-def test_where_it_goes_farther_than_all_that_was_fitted_is_said(farther, tmp_path):
+def test_where_it_goes_farther_than_all_that_was_fitted_is_said(farther, tmp_path, monkeypatch):
+    look_among(monkeypatch, "coulomb-friction")
     options = {"task": str(SLIDER), "test": "far", "starts": 1, "quiet": True, "threads": 1}
     found = identify(real_log=farther, out=tmp_path / "estimate", **options).document
     beyond = found["beyond_fitted"]

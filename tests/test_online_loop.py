@@ -40,9 +40,10 @@ def scooping(tmp_path_factory) -> Path:
 
 
 def test_the_action_that_tells_most_is_proposed_again_for_the_same_seed(scooping):
-    first = propose(result=scooping / "e", threads=1, seed=3)
-    assert first == propose(result=scooping / "e", threads=2, seed=3)
-    assert first != propose(result=scooping / "e", threads=1, seed=4)
+    few = {"result": scooping / "e", "candidates": 8}
+    first = propose(**few, threads=1, seed=3)
+    assert first == propose(**few, threads=2, seed=3)
+    assert first != propose(**few, threads=1, seed=4)
     action = first["action"]["scoop_point"]
     assert -1 <= action["value"] <= 1
     assert action["unit"] == "1"
@@ -50,7 +51,7 @@ def test_the_action_that_tells_most_is_proposed_again_for_the_same_seed(scooping
 
 
 def test_a_proposal_is_what_record_runs(scooping, tmp_path):
-    proposal = propose(result=scooping / "e", threads=1)
+    proposal = propose(result=scooping / "e", candidates=8, threads=1)
     (tmp_path / "p.json").write_text(json.dumps(proposal))
     made = record(task="scooping", out=tmp_path / "n.zarr", actions_from=tmp_path / "p.json", threads=1)
     assert made.log.actions.tolist() == [[proposal["action"]["scoop_point"]["value"]]]
@@ -79,7 +80,7 @@ def test_a_machine_is_driven_no_further_than_its_log_was_wherever_that_is(slider
     monkeypatch.chdir(tmp_path)
     Path("a").mkdir()
     record(out=Path("a/s.zarr"), duration=4, amplitude={"drive": 2}, noise=1e-3, rate=200, **options)
-    identify(real_log=Path("a/s.zarr"), out=Path("a/e"), quiet=True, **options)
+    identify(real_log=Path("a/s.zarr"), out=Path("a/e"), starts=1, quiet=True, **options)
     again = {"result": tmp_path / "a" / "e", "task": str(slider_task), "threads": 1}
     first = propose(**again)
     assert first["peaks"]["drive"] == pytest.approx(2)
@@ -114,7 +115,7 @@ def test_a_proposal_as_a_csv_is_in_the_columns_and_units_of_the_log(
     )
     options = {"task": str(slider_task), "threads": 1}
     record(out=tmp_path / "s.zarr", duration=3, amplitude={"drive": 5}, noise=1e-3, rate=100, **options)
-    identify(real_log=tmp_path / "s.zarr", out=tmp_path / "e", quiet=True, **options)
+    identify(real_log=tmp_path / "s.zarr", out=tmp_path / "e", starts=1, quiet=True, **options)
     monkeypatch.setattr(
         sys, "argv", ["capture", "propose", str(tmp_path / "e"), "--csv", str(tmp_path / "p.csv")]
     )
@@ -134,7 +135,7 @@ def test_a_proposal_as_a_csv_is_in_the_columns_and_units_of_the_log(
 def test_a_machine_of_ones_own_is_to_be_driven_by_a_multisine(slider_task, tmp_path):
     options = {"task": str(slider_task), "threads": 1}
     record(out=tmp_path / "s.zarr", duration=4, amplitude={"drive": 5}, noise=1e-3, rate=200, **options)
-    identify(real_log=tmp_path / "s.zarr", out=tmp_path / "e", quiet=True, **options)
+    identify(real_log=tmp_path / "s.zarr", out=tmp_path / "e", starts=1, quiet=True, **options)
     proposal = propose(result=tmp_path / "e", threads=1)
     tape = np.array(proposal["inputs"]["drive"])
     assert proposal["kind"] == "inputs"
@@ -157,7 +158,7 @@ def test_proposed_inputs_are_recorded_appended_and_taken_up(slider_task, tmp_pat
     plant = {"parameters": {"mass": 1.2}, "noise": 1e-3, **options}
     log, episode, estimate, file = (tmp_path / n for n in ("s.zarr", "n.zarr", "e", "p.json"))
     record(out=log, duration=2, amplitude={"drive": 5}, rate=200, **plant)
-    identify(real_log=log, out=estimate, quiet=True, **options)
+    identify(real_log=log, out=estimate, starts=1, quiet=True, **options)
     proposal = propose(result=estimate, threads=1)
     file.write_text(json.dumps(proposal))
     made = record(out=episode, inputs_from=file, **plant).log
@@ -209,7 +210,7 @@ def test_an_actuator_that_only_pushes_is_not_to_pull(slider_task, tmp_path):
     model.write_text(model.read_text().replace('joint="x"/></act', 'joint="x" ctrlrange="0 5"/></act'))
     options = {"task": str(slider_task), "threads": 1}
     record(out=tmp_path / "s.zarr", duration=4, noise=1e-3, rate=200, **options)
-    identify(real_log=tmp_path / "s.zarr", out=tmp_path / "e", quiet=True, **options)
+    identify(real_log=tmp_path / "s.zarr", out=tmp_path / "e", starts=1, quiet=True, **options)
     tape = np.array(propose(result=tmp_path / "e", threads=1)["inputs"]["drive"])
     assert tape[0] == tape.min() == 0 < tape.max() <= 5
     with pytest.raises(OptionError, match=r"--amplitude drive=6: .* 0 to 5 N, ends before that"):

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from diagnosing import look_among
 from setting_numbers import set_numbers
 
 from capture_cli.common import progress as module
@@ -123,6 +124,7 @@ def test_the_first_line_comes_before_the_log_is_ready(
     whole = MeasuredLog.read(log)
     monkeypatch.setattr(MeasuredLog, "read", read)
     monkeypatch.setattr(LogToFit, "prepared", slowly)
+    look_among(monkeypatch, "coulomb-friction")
     run = {"identify": identify_stage.identify, "diagnose": diagnose_stage.diagnose}[stage]
     run(real_log=log, task=str(SLIDER), out=tmp_path / "o", starts=1, threads=1)
     lines = capsys.readouterr().err.splitlines()

@@ -28,19 +28,26 @@ from capture_cli.store.output import sha256
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider"
 
 
-@pytest.fixture
-def made(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
     """A folder with a machine, a log of it and an estimate, made from within it by relative paths."""
-    monkeypatch.setattr(identify_stage, "_write_pages", lambda *_: None)
-    folder = tmp_path / "made"
+    folder = tmp_path_factory.mktemp("original") / "made"
     shutil.copytree(SLIDER, folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr(identify_stage, "_write_pages", lambda *_: None)
+        log = Path("log.zarr")
+        record(task="task.toml", out=log, noise=5e-4, episodes=2, duration=1.5, rate=250.0, threads=1)
+        estimate, options = Path("estimate"), {"starts": 1, "threads": 1, "quiet": True}
+        identify_stage.identify(real_log=log, task="task.toml", out=estimate, **options)
+    return folder
+
+
+@pytest.fixture
+def made(original, tmp_path, monkeypatch, without_pages):
+    """A copy of `original`, to work in."""
+    folder = shutil.copytree(original, tmp_path / "made")
     monkeypatch.chdir(folder)
-    record(
-        task="task.toml", out=Path("log.zarr"), noise=5e-4, episodes=2, duration=1.5, rate=250.0, threads=1
-    )
-    identify_stage.identify(
-        real_log=Path("log.zarr"), task="task.toml", out=Path("estimate"), starts=1, threads=1, quiet=True
-    )
     return folder
 
 

@@ -91,7 +91,7 @@ def test_an_integral_term_is_found_with_its_gain_and_its_limit(tmp_path, monkeyp
 
 
 def test_nothing_is_found_where_servos_are_as_modelled(tmp_path):
-    log, _ = recorded(tmp_path)
+    log, _ = recorded(tmp_path, duration=2.5)
     document = diagnose(log, pan_tilt(tmp_path), seed=0)
     assert document["verdict"] == "explained" and not document["effects"]
 
