@@ -2,10 +2,11 @@
 # The loop closed: what `diagnose` finds on a machine goes back into the simulator, where policy and identifier are
 # trained again. declared/evaluation and mended/evaluation have the errors and successes on such machines before and after.
 # Which half gains what, at full size: python -m docs.closed_loop_halves FOLDER
-# Use: docs/closed_loop.sh FOLDER [tiny | full] [ROBOT]
+# Use: docs/closed_loop.sh FOLDER [tiny | full | door] [ROBOT]
 #   tiny: object scooping, whose arm goes 8 mm to the side of where it is told. A label says where to scoop whatever the
 #         arm does: the declared estimate is off by these 8 mm, and succeeds as often; the mended one is right
 #   full: table air hockey, played by a robot of robosuite, a Panda, that is late (docs/worlds.md). An hour of a core
+#   door: the same with a door that the robot pushes ajar. 20 minutes of a core
 # What is in FOLDER is not made again, and what was cut off goes on. declared/policy and declared/identifier may be copies
 # of runs/policies and runs/sysid.
 set -euo pipefail
@@ -37,8 +38,19 @@ full)
   judged=
   evaluation=(--pairs 24 --seeds 1 --rounds 7)
   ;;
+door)
+  task=door
+  machine=(--world robosuite --robot "$robot")
+  noise=0.001 strokes=10
+  policy=(--steps 6400 --evaluations 4)
+  histories=(--search scattered --pairs 512)
+  identifier=(--identifier capture-refined --width 32 --layers 2 --heads 2 --steps 600 --batch 64)
+  diagnosis=()
+  judged=
+  evaluation=(--pairs 20 --seeds 1 --rounds 5)
+  ;;
 *)
-  echo "$size: tiny or full" >&2
+  echo "$size: tiny, full or door" >&2
   exit 2
   ;;
 esac

@@ -48,7 +48,7 @@ def test_same_trajectories_as_the_plant(action):
     scene = make(parameters=given, mallet=action[:2], driven_by="servos", control_freq=1000)
     for step in range(PLANT.grid_steps):
         np.testing.assert_allclose(scene.outputs, plant.sensors[0, step], rtol=0, atol=1e-6)
-        scene.mallet_velocity = episode.inputs[0, step]
+        scene.tool_velocity = episode.inputs[0, step]
         scene.step(np.zeros(scene.action_dim))
     assert np.abs(plant.sensors[0, -1, :2] - PLANT.puck_start).max() > 0.1
 

@@ -671,7 +671,7 @@ def test_a_stdout_that_is_closed():
     ("typed", "offered"),
     [
         ("diag", ["diagnose"]),
-        ("identify --task ", ["air-hockey", "scooping", "scooping-distance", "arm.toml"]),
+        ("identify --task ", ["air-hockey", "door", "scooping", "scooping-distance", "arm.toml"]),
         ("record --effect coulomb", ["coulomb-friction"]),
         ("effects coulomb", ["coulomb-friction"]),
         ("gen-histories --search b", ["binary"]),

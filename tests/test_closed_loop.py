@@ -7,6 +7,7 @@ import os
 import subprocess
 from pathlib import Path
 
+import pytest
 import typer
 from warm_capture import DRAWS, warm_capture
 
@@ -67,8 +68,9 @@ def test_the_loop_closes_through_the_policy(tmp_path, learn):
     assert loop(folder, "tiny", capture="false").returncode == 0
 
 
-def test_the_robot_plays_the_machines_of_the_full_size(tmp_path):
-    done = loop(tmp_path / "loop", "full", "UR5e", capture="echo capture")
+@pytest.mark.parametrize("size", ["full", "door"])
+def test_the_robot_plays_the_machines_of_the_large_sizes(tmp_path, size):
+    done = loop(tmp_path / "loop", size, "UR5e", capture="echo capture")
     assert (done.returncode, done.stderr) == (0, "")
     lines = [line.split()[1:] for line in done.stdout.splitlines() if line.startswith("capture")]
     commands = typer.main.get_command(app).commands
@@ -82,4 +84,4 @@ def test_the_robot_plays_the_machines_of_the_full_size(tmp_path):
 
 def test_a_size_that_is_none_is_refused(tmp_path):
     done = loop(tmp_path / "loop", "small", capture="false")
-    assert (done.returncode, done.stderr) == (2, "small: tiny or full\n")
+    assert (done.returncode, done.stderr) == (2, "small: tiny, full or door\n")
