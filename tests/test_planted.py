@@ -200,6 +200,14 @@ def test_outcomes_of_two_at_once(verdict, effects, outcome):
     assert judge(case, document(verdict, effects)) == outcome
 
 
+def test_an_effect_may_be_the_sum_of_two():
+    case = Case(PAIR, "arm", ("constant-force@elbow", "linear-stiffness@elbow"), 3.0, 0)
+    assert judge(case, document("effect-found", [effect("preloaded-spring", "elbow")])) == "equivalent"
+    assert judge(case, document("effect-found", [effect("preloaded-spring", "shoulder")])) == "wrong"
+    apart = replace(case, planted=("constant-force@elbow", "linear-stiffness@shoulder"))
+    assert judge(apart, document("effect-found", [effect("preloaded-spring", "elbow")])) == "wrong"
+
+
 def test_outcomes_without_a_planted_effect():
     nothing = Case(NOTHING, "slider", (), 1.0, 0)
     assert judge(nothing, document("explained", [])) == "silent"

@@ -105,6 +105,8 @@ EQUIVALENTS = (
     ),
     _alike("puck", "sensor-bias@x geom-scale@wall", "where along x the sensor sees the wall's face"),
 )
+# An effect whose law is the sum of those of others at the same joint: -k (q - rest) is a spring and a constant force.
+SUMS = {"preloaded-spring": ("constant-force", "linear-stiffness")}
 
 
 def judge(case: Case, document: Mapping[str, Any]) -> str:
@@ -140,7 +142,7 @@ def _judge_known(case: Case, verdict: str, effects: Sequence[Mapping[str, Any]])
     """Right is who names every effect that is there, and none besides, and says that they explain the log."""
     if verdict == "unexplained":
         return UNEXPLAINED
-    hits = {(p, placed(e)): _hit(case.machine, p, e) for p in case.planted for e in effects}
+    hits = {(p, placed(e)): _hit(case, p, e) for p in case.planted for e in effects}
     of_planted = [[hits[p, placed(e)] for e in effects if hits[p, placed(e)]] for p in case.planted]
     if not any(of_planted):
         return WRONG if effects else MISSED
@@ -151,13 +153,20 @@ def _judge_known(case: Case, verdict: str, effects: Sequence[Mapping[str, Any]])
     return max((min(own, key=RIGHT.index) for own in of_planted), key=RIGHT.index)
 
 
-def _hit(machine: str, planted: str, effect: Mapping[str, Any]) -> str | None:
+def _hit(case: Case, planted: str, effect: Mapping[str, Any]) -> str | None:
     """How an effect that was found stands for one that was planted; None where it does not."""
     if placed(effect) == planted:
         return EXACT
     if planted in effect["tied_with"]:
         return TIED
-    return EQUIVALENT if _equivalent(machine, planted, {placed(effect), *effect["tied_with"]}) else None
+    if planted in (parts := _sum(effect)) and parts <= set(case.planted):
+        return EQUIVALENT
+    return EQUIVALENT if _equivalent(case.machine, planted, {placed(effect), *effect["tied_with"]}) else None
+
+
+def _sum(effect: Mapping[str, Any]) -> set[str]:
+    """EFFECT@SITE of those that an effect is the sum of."""
+    return {placed_name(name, effect["site"]) for name in SUMS.get(effect["name"], ())}
 
 
 def _judge_unknown(verdict: str, error: float) -> str:

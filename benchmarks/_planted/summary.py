@@ -17,6 +17,7 @@ from benchmarks._planted.outcomes import (
     IMITATED,
     NEAR_FLOOR,
     RIGHT,
+    SUMS,
 )
 from benchmarks._planted.rows import NOTHING_TO_FIND, Key, Row
 from benchmarks._planted_logs.cases import LEFT, NOTHING, PAIR, PLANTED, UNKNOWN, WEAK
@@ -87,6 +88,10 @@ def page(dresses: Mapping[str, Sequence[Row]]) -> str:
     lines += [
         f"- {e.machine}: {_names(sorted(e.planted))} found as {_names(sorted(e.found))}: {e.why}"
         for e in EQUIVALENTS
+    ]
+    lines += [
+        f"- any: {_names(parts)} at a joint found as `{name}`: its law is their sum"
+        for name, parts in SUMS.items()
     ]
     return "\n".join(lines) + "\n"
 
