@@ -44,7 +44,7 @@ from capture_cli.select.candidates import all_candidates, worth_a_refit
 from capture_cli.select.criterion import bic_gain, paired_p_value, ratio_p_value
 from capture_cli.select.explain import Settings
 from capture_cli.select.explanation import verdict as judged_as
-from capture_cli.select.log_parts import ENOUGH_WINDOWS, FIT, SELECT, TEST, Folds, select_folds
+from capture_cli.select.log_parts import FIT, SELECT, TEST, Folds
 from capture_cli.select.model_comparison import initial_states_found
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import slight
@@ -180,17 +180,6 @@ def test_episodes_that_start_elsewhere_and_copies_are_no_repeats():
     assert repeated(generator, np.repeat(noise[:1], REPEATS, axis=0)).source == ("differences",)
 
 
-def test_folds_judge_only_what_was_not_fitted():
-    for count in (2, 5, ENOUGH_WINDOWS, 40):
-        episode = np.zeros(count, dtype=int)
-        is_test = np.arange(count) == count - 1
-        found = select_folds(episode, is_test)
-        for fitted, judged in found.folds:
-            assert not (fitted & judged).any()
-            assert not (is_test & (fitted | judged)).any()
-        assert len(found.folds) == (1 if count - 1 >= ENOUGH_WINDOWS else min(3, count - 1) * (count > 2))
-
-
 @pytest.mark.parametrize(
     ("before", "after", "is_slight"),
     [(10.0, 9.6, True), (10.0, 9.3, False), (1.12, 1.0, False), (1.12, 1.11, True), (3.0, 1.0, False)],
@@ -275,11 +264,6 @@ def test_intervals_reach_to_minima_that_are_nearly_as_good():
     weight = np.exp(-0.25 / minimum(0.5, 0.0).inflation)
     assert beside == pytest.approx(np.sqrt(alone**2 + 0.01 * weight / (1 + weight)), rel=1e-6)
     assert intervals(minimum(0.5, 0.0), [minimum(0.6, 80.0)]).sd[0] == pytest.approx(alone, rel=1e-3)
-
-
-def test_few_windows_are_all_judged_once():
-    folds = select_folds(np.zeros(7, dtype=int), np.arange(7) == 6).folds
-    assert (np.sum([judged for _, judged in folds], axis=0) == np.r_[np.ones(6), 0]).all()
 
 
 def split_of(windows: Sequence[int], recordings: int | None = None, seed: int = 0, **options):

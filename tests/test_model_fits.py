@@ -199,7 +199,7 @@ def test_a_model_is_known_by_its_effects_in_the_order_of_its_parameters(tmp_path
     prepared, truth = planted(tmp_path, "coulomb-friction@x=2")
     names = "coulomb-friction", "cubic-stiffness"
     placed = [Placed(n, REGISTRY.get(n)(prepared.task.model, "x")) for n in names]
-    folds = select_folds(prepared.windows.episode, prepared.split.is_test)
+    folds = select_folds(prepared.windows, prepared.split.is_test)
     models = ModelComparison(ModelFits(prepared, 1), folds, seed=0)
     point = np.append(truth, 0.0)
     first = models.fits.fit(models.fit_part, placed, point)
@@ -208,6 +208,20 @@ def test_a_model_is_known_by_its_effects_in_the_order_of_its_parameters(tmp_path
     turned = models.fit(placed[::-1], point[[0, 1, 2, 4, 3]], first)
     assert [name for name, _ in turned.effects] == ["cubic-stiffness", "coulomb-friction"]
     np.testing.assert_allclose(turned.point[[0, 1, 2, 4, 3]], first.point, rtol=1e-2, atol=0.5)
+
+
+def test_a_larger_model_does_not_end_above_a_smaller_one(tmp_path):
+    prepared, truth = planted(tmp_path, "coulomb-friction@x=2")
+    names = "cubic-stiffness", "coulomb-friction"
+    placed = [Placed(n, REGISTRY.get(n)(prepared.task.model, "x")) for n in names]
+    fits = ModelFits(prepared, 1)
+    near = fits.fit(prepared, placed[1:], truth)
+    far = np.r_[truth[:-1], placed[0].effect.space.high, 0.0]
+    short = Effort(rounds=1)
+    assert fits.fit(prepared, placed, far, corrections=near.corrections[:, :2], effort=short).error > 2
+    begun_again = fits.fit(prepared, placed, far, near=near, effort=short)
+    assert [e.name for e in begun_again.effects] == [e.name for e in placed]
+    assert begun_again.error <= near.error + 1e-6
 
 
 def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere(tmp_path, monkeypatch):
@@ -370,7 +384,7 @@ def test_what_nothing_shows_stays_where_it_is(tmp_path):
 )
 def test_a_loose_mass_that_stands_in_for_something_else_needs_states_that_are_free(tmp_path, effect, stands):
     prepared, truth = planted(tmp_path, effect)
-    folds = select_folds(prepared.windows.episode, prepared.split.is_test)
+    folds = select_folds(prepared.windows, prepared.split.is_test)
     models = ModelComparison(ModelFits(prepared, 1), folds, seed=0)
     [loose] = [c.placed for c in all_candidates(prepared) if c.name == "loose-mass@x"]
     declared = models.fits.fit(models.fit_part, [], truth[: len(prepared.task.space)])

@@ -149,7 +149,7 @@ def logs(tmp_path_factory):
 
 def attribution(prepared, names) -> tuple[Attribution, ModelFits]:
     fits = ModelFits(prepared, 1)
-    folds = select_folds(prepared.windows.episode, prepared.split.is_test)
+    folds = select_folds(prepared.windows, prepared.split.is_test)
     candidates = [Candidate(Placed(name, on_slider(name, prepared.task.model))) for name in names]
     return Attribution(fits, folds, seed=0, candidates=candidates), fits
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
@@ -13,7 +13,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.estimate.checkpoint import Checkpoint, checkpointed_fit, checkpointed_part
 from capture_cli.estimate.escape import escaped
 from capture_cli.estimate.fit import SETTINGS as FIT
-from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.fit import Fit, least
 from capture_cli.estimate.initial_states.refined import fit_initial_states
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -106,25 +106,28 @@ class ModelFits:
     ) -> Fit | None:
         """Fit from `start` (parameter,); None where every trial diverged.
 
-        near: another fit of the same part. This one begins with its initial states of windows, with its values where
-        they are better than those of `start`, and with its sensitivities until it measures its own: as far as they
-        concern the declared parameters, and the effects that both begin with. corrections (window, state): of the
-        initial states, where they begin, if not where `near` has them.
+        near: another fit of the same part. This one begins with its initial states of windows and with its values where
+        they are better than those of `start`: as far as they concern the declared parameters and the effects that both
+        have. Where `near` lacks some of the effects and this one ends above it, it is begun again at it. corrections
+        (window, state): of the initial states, where they begin, if not where `near` has them.
         """
         new, theirs = effects, () if near is None else near.effects
         if corrections is None and near is not None:
             corrections = near.corrections
         if corrections is not None:
             transferred = self._transferred(corrections, theirs, effects)
-            points = [start] if near is None else [start, self._as_near(near, effects, start)]
+            points = [start] if near is None else [start, self.as_near(near, effects, start)]
             start, corrections = self._nearer(
                 part, effects, points, [transferred, np.zeros_like(transferred)]
             )
-            new = effects[len(_in_common(theirs, effects)) :]
+            new = _not_in(theirs, effects)
         corrections = self._with_states_found(part, effects, start, corrections, new)
         fit = self._descended(part, effects, start, corrections, effort, near)
-        known = {e.name for e in theirs}
-        tried = any(e.name not in known for e in searched(effects))
+        added = _not_in(theirs, effects)
+        is_smaller = near is not None and added and not _not_in(effects, theirs)
+        if is_smaller and (fit is None or fit.error > near.error):
+            fit = least([fit, self._descended_from(near, part, effects, start, effort)])
+        tried = searched(added)
         if effort.escapes and (tried or (part.difference_step and not effects and not self.from_balance)):
             fit = self._escaped(part, fit, effects, effort)
         return fit
@@ -144,10 +147,37 @@ class ModelFits:
         descend = partial(self._descended, part, effects, effort=replace(effort, starts=1))
         return escaped(self, part, fit, effort.rival, descend)
 
-    def _as_near(self, near: Fit, effects: Sequence[Placed], start: np.ndarray) -> np.ndarray:
+    def as_near(self, near: Fit, effects: Sequence[Placed], start: np.ndarray) -> np.ndarray:
         """`start` (parameter,) of a model with `effects`, with what it has in common with `near` as it is there."""
-        known = self.parameter_count(_in_common(near.effects, effects))
-        return np.concatenate([near.point[:known], start[known:]])
+        point, declared, known = start.copy(), self.parameter_count(()), {e.name for e in near.effects}
+        point[:declared] = near.point[:declared]
+        for placed, own in self._parameters(effects):
+            if placed.name in known:
+                point[own] = near.point[near.columns(placed.name)]
+        return point
+
+    def _descended_from(
+        self, near: Fit, part: PreparedLog, effects: Sequence[Placed], start: np.ndarray, effort: Effort
+    ) -> Fit | None:
+        """The fit of a model with `effects` that begins at `near`, which lacks some of them: these are as large as
+        where there is none, with their shapes as in `start` (parameter,).
+        """
+        point, known = self.as_near(near, effects, start), {e.name for e in near.effects}
+        for placed, own in self._parameters(effects):
+            if placed.name not in known:
+                effect = placed.effect
+                is_shape = [p.name in effect.shapes for p in effect.parameters]
+                point[own] = np.where(is_shape, point[own], effect.space.nominal)
+        corrections = self._transferred(near.corrections, near.effects, effects)
+        return self._descended(part, effects, point, corrections, effort, near)
+
+    def _parameters(self, effects: Sequence[Placed]) -> Iterator[tuple[Placed, slice]]:
+        """Each effect, and which of the model's parameters are its own."""
+        stop = self.parameter_count(())
+        for placed in effects:
+            own = slice(stop, stop + len(placed.effect.parameters))
+            stop = own.stop
+            yield placed, own
 
     def _nearer(
         self,
@@ -179,8 +209,8 @@ class ModelFits:
         corrections: np.ndarray | None,
         new: Sequence[Placed],
     ) -> np.ndarray | None:
-        """`corrections` (window, state) with those states of the `new` effects, the last, that may be anywhere where
-        they are best at `point` (parameter,), of the values tried in every window.
+        """`corrections` (window, state) with those states of the `new` effects that may be anywhere where they are best
+        at `point` (parameter,), of the values tried in every window.
 
         From a phase on the wrong side of the circle a descent would sooner take the force away than turn it.
         """
@@ -189,11 +219,10 @@ class ModelFits:
         simulator = self.simulator(effects)
         data = part.data(simulator)
         found = np.zeros(data.initial_sd.shape) if corrections is None else corrections
-        state = found.shape[1] - sum(len(effect.states) for _, effect in new)
-        for _, effect in new:
-            own = slice(state, state + len(effect.states))
-            state = own.stop
-            if effect.states_anywhere and effect.states:
+        searched = {e.name: e.effect for e in new if e.effect.states_anywhere and e.effect.states}
+        for name, own in self._states(effects):
+            if name in searched:
+                effect = searched[name]
                 trials = np.repeat(found[None], len(effect.states_tried), axis=0)
                 trials[:, :, own] = effect.states_tried[:, None] * (data.initial_sd[:, own] > 0)
                 points = np.repeat(point[None], len(trials), axis=0)
@@ -400,17 +429,35 @@ class ModelFits:
         self, corrections: np.ndarray, theirs: Sequence[Placed], effects: Sequence[Placed]
     ) -> np.ndarray:
         """Corrections (window, state) of a model with `effects`, from those of one with the effects `theirs`: of the
-        machine's own states, and of the first effects that are the same; 0 for the others.
+        machine's own states, and of the effects that both have; 0 for the others.
         """
-        kept = self._state_count(_in_common(theirs, effects))
         transferred = np.zeros((len(corrections), self._state_count(effects)))
-        transferred[:, :kept] = corrections[:, :kept]
+        own = self._state_count(())
+        transferred[:, :own] = corrections[:, :own]
+        known = dict(self._states(theirs))
+        for name, there in self._states(effects):
+            if name in known:
+                transferred[:, there] = corrections[:, known[name]]
         return transferred
+
+    def _states(self, effects: Sequence[Placed]) -> Iterator[tuple[str, slice]]:
+        """Of each effect its name and which of a window's states are its own."""
+        stop = self._state_count(())
+        for placed in effects:
+            own = slice(stop, stop + len(placed.effect.states))
+            stop = own.stop
+            yield placed.name, own
 
 
 def searched(effects: Sequence[Placed]) -> list[Placed]:
     """Those whose hidden states are searched for where a descent gets stuck."""
     return [e for e in effects if len(e.effect.states_tried)]
+
+
+def _not_in(known: Sequence[Placed], effects: Sequence[Placed]) -> list[Placed]:
+    """Those of the effects whose names none of the `known` has."""
+    names = {e.name for e in known}
+    return [e for e in effects if e.name not in names]
 
 
 def _in_common(theirs: Sequence[Placed], effects: Sequence[Placed]) -> list[Placed]:

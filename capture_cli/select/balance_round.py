@@ -10,6 +10,7 @@ import numpy as np
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit, least
 from capture_cli.estimate.model_fits import Effort
+from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.balance_scores import score_in_balance
 from capture_cli.select.beam import SETTINGS as BEAM
@@ -51,6 +52,7 @@ class BalanceRound:
         self.ranked = by_score(candidates)
         values = [current.point[current.columns(e.name)] for e in current.effects]
         self._before, self._best = models.judge(current), None
+        self._alone = False  # whether one law alone holds
         self._others: list[BalancedModel] = []
         # beside what was found already one is looked for at a time
         sizes = 1 if current.effects else most
@@ -99,6 +101,7 @@ class BalanceRound:
             larger = number > 0
             if larger:
                 smaller = least([s.fit for s in found]) or self.current
+                self._alone = bool(found)
             else:
                 self._others = level.others
             more = self._best_that_hold(level, smaller)
@@ -124,6 +127,7 @@ class BalanceRound:
         """`found`, and larger sets of it where it leaves something."""
         if not found or self._explained(found):
             return found
+        self._alone = True
         return [*found, *self._fit(self._unions(found), least([s.fit for s in found]))]
 
     def _explained(self, found: Sequence[FittedSet]) -> bool:
@@ -175,16 +179,23 @@ class BalanceRound:
         return unions
 
     def _fitted(self, model: BalancedModel, smaller: Fit) -> list[FittedSet]:
-        """The model fitted by simulation, if it holds on what judges and explains materially more than `smaller`."""
+        """The model fitted by simulation, if it holds on what judges and explains materially more than `smaller`.
+
+        Several laws at once, where one alone holds, have to leave nothing: what they leave shows that the balance of
+        the `current` model, which chose them, is far from that of the machine. One moves it nearer.
+        """
         added = model.effects[len(self.current.effects) :]
         needed = min(needed_error(smaller, REJECTION.material), self.useful_error)
-        rival = self._best
-        effort = Effort(rival=rival, needed=needed, escapes=False)
+        rival, to_explain = self._best, self._alone and not _is_one_law(added)
+        to_reach = lack_of_fit(self.current.at).threshold if to_explain else np.inf
+        effort = Effort(rival=rival, to_reach=to_reach, needed=needed, escapes=False)
         fit = self.models.fit(model.effects, model.start, self.current, effort)
         reason = self._unfit(fit, added, smaller) or self._unsupported(fit, added)
         if not reason:
             fit = self.models.escaped(fit, rival, self.useful_error)
             reason = leaves_something(self.current, fit, self.useful_error)
+            if not reason and to_explain and not self.models.is_explained(fit):
+                reason = "several at once, where one alone holds, have to leave nothing"
         self._best = least([rival, fit])
         if reason:
             self._reject(added, reason)
@@ -208,6 +219,11 @@ class BalanceRound:
         """Say why an effect is out; of several at once none is out for that."""
         if len(added) == 1:
             self.candidates[added[0].name].why_rejected = reason
+
+
+def _is_one_law(added: Sequence[Placed]) -> bool:
+    """Whether the effects are one law, at one place or several."""
+    return len({e.kind for e in added}) == 1
 
 
 def _hidden_states(model: BalancedModel) -> int:

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.log.windows import Windows
 
 SELECT_SHARE = 3  # one window in three
 ENOUGH_WINDOWS = 12  # to part with a third of them; fewer are cross-validated
@@ -27,7 +29,7 @@ class LogParts:
     def of(cls, prepared: PreparedLog) -> LogParts:
         """What is held out stays so; the others are fitted, or choose where there are enough of them."""
         is_test = prepared.split.is_test
-        folds = select_folds(prepared.windows.episode, is_test)
+        folds = select_folds(prepared.windows, is_test)
         return cls(prepared, folds, np.where(is_test, TEST, np.where(folds.fit, FIT, SELECT)))
 
     def windows(self, *parts: int) -> PreparedLog | None:
@@ -53,24 +55,45 @@ class Folds:
         return np.any([self.fit, *(judged for _, judged in self.folds)], axis=0)
 
 
-def select_folds(episode: np.ndarray, is_test: np.ndarray) -> Folds:
-    """Folds of the windows that are not test; by whole episodes where there are enough, else by blocks in a row.
+def select_folds(windows: Windows, is_test: np.ndarray) -> Folds:
+    """Folds of the windows that are not test (window,): every third block judges, of few windows each in turn.
 
-    Of few windows every third in turn: thirds in a row of a short log are driven too differently to judge each other.
+    Recordings of an experiment go through its conditions in some order, and every third of them may be of one. So each
+    recording has blocks that are fitted and blocks that judge. Those that are shorter than a block take turns in the
+    order of how much moves in them, whatever the order of the log.
     """
     rest = np.flatnonzero(~is_test)
-    judged = np.zeros(len(episode), dtype=bool)
-    episodes = np.unique(episode[rest])
+    order, turn = _turns(windows.rows(rest))
+    judged = np.zeros(len(windows), dtype=bool)
     if len(rest) >= ENOUGH_WINDOWS:
-        if len(episodes) >= 2 * SELECT_SHARE:
-            judged = ~is_test & np.isin(episode, episodes[1::SELECT_SHARE])
-        else:
-            judged[rest[(np.arange(len(rest)) // BLOCK) % SELECT_SHARE == 1]] = True
+        judged[rest[turn % SELECT_SHARE == 1]] = True
         fit = ~is_test & ~judged
         return Folds(fit, ((fit, judged),))
     folds = []
     for number in range(min(SELECT_SHARE, len(rest)) if len(rest) > 1 else 0):
-        judged = np.zeros(len(episode), dtype=bool)
-        judged[rest[number::SELECT_SHARE]] = True
+        judged = np.zeros(len(windows), dtype=bool)
+        judged[rest[order[number::SELECT_SHARE]]] = True
         folds.append((~is_test & ~judged, judged))
     return Folds(~is_test, tuple(folds))
+
+
+def _turns(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """The windows (window,) by how much moves in their episodes, those of one in a row; and of each, (window,), how
+    many blocks come before its own, of its episode, and episodes.
+    """
+    episode = np.unique(windows.episode, return_inverse=True)[1]
+    moved = np.bincount(episode, weights=_motion(windows)) / np.bincount(episode)
+    rank = np.argsort(np.argsort(moved, kind="stable"), kind="stable")[episode]
+    order = np.lexsort((np.arange(len(rank)), rank))
+    first = np.searchsorted(episode, episode)  # the windows of an episode are in a row
+    return order, rank + (np.arange(len(rank)) - first) // BLOCK
+
+
+def _motion(windows: Windows) -> np.ndarray:
+    """Variance of the outputs inside each window, (window,), in shares of that of all of them."""
+    sampled = windows.sampled
+    count = np.maximum(sampled.sum(axis=1), 1)
+    mean = np.where(sampled, windows.measured, 0.0).sum(axis=1) / count
+    squares = np.where(sampled, windows.measured - mean[:, None], 0.0) ** 2
+    variance = squares.sum(axis=1) / count
+    return (variance / np.maximum(variance.mean(axis=0), REGRESSION.tiny)).sum(axis=1)

@@ -168,8 +168,8 @@ class ModelComparison:
     ) -> Fit | None:
         """The fit of the declared model with `effects`: made once, and taken up again where it was stopped early.
 
-        near: another model's, whose windows' initial states it begins with. elsewhere: other points to begin at where
-        the fit from `start` (parameter,) leaves something.
+        near: another model's, whose windows' initial states it begins with, or that of the best model with some of the
+        effects. elsewhere: other points to begin at where the fit from `start` (parameter,) leaves something.
         """
         key = _key(effects)
         made = self._fitted.get(key)
@@ -177,8 +177,14 @@ class ModelComparison:
             start, near = made.point, made
             del self._fitted[key]
         if key not in self._fitted:
+            near = least([near, *self._smaller(effects)]) if len(near.effects) < len(effects) else near
             self._fitted[key] = self._fit_from([start, *elsewhere], effects, near, effort)
         return self._fitted[key]
+
+    def _smaller(self, effects: Sequence[Placed]) -> list[Fit | None]:
+        """The fits so far with some of the effects, and no others."""
+        names = set(_key(effects))
+        return [fit for key, fit in self._fitted.items() if names.issuperset(key)]
 
     def _fit_from(
         self, starts: Sequence[np.ndarray], effects: Sequence[Placed], near: Fit, effort: Effort
@@ -229,14 +235,14 @@ class ModelComparison:
         return found
 
     def better_from(self, current: Fit, found: Fit) -> Fit | None:
-        """A better fit of the `current` model, begun where `found` ended, which has one effect more.
+        """A better fit of the `current` model, begun where `found` ended, which has more parameters.
 
         Where contacts make the error rough, an effect may be no more than the escape from a poor minimum.
         """
         again = self.fits.fit(
             self.fit_part,
             current.effects,
-            found.point[: len(current.point)],
+            self.fits.as_near(found, current.effects, current.point),
             near=found,
             effort=Effort(rounds=SETTINGS.again_rounds, seed=self.seed),
         )

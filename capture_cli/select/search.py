@@ -152,12 +152,18 @@ class Attribution:
                 withdrawn.why_rejected = "without it, fitted again from where it led, the model does as well"
                 current = better
                 continue
+            earlier = self.accepted[:known]
             found = self._split(found, self.accepted[known:])
-            current = self._keep(self._backward(found, self.accepted, Support.reason_against_entry))
+            current = self._backward(found, self.accepted, Support.reason_against_entry)
+            if not self.models.is_explained(
+                current
+            ):  # another may have come before while this one was missing
+                current = self._compare_with_rivals(current, [a for a in self.accepted if a in earlier])
+            self._keep(current)
         current = self._without_minor(current)
         current = self._keep(self._backward(current, self.accepted, Support.reason_against))
         self._ask_again(current)
-        compared = self._compare_with_rivals(current)
+        compared = self._compare_with_rivals(current, self.accepted)
         if compared is not current:  # with another in its place an effect may have nothing left to do
             compared = self._backward(compared, self.accepted, Support.reason_against)
         return self._keep(compared)
@@ -389,9 +395,9 @@ class Attribution:
         score_in_balance(screening, current, candidates, FORWARD_ROUND.rivals)
         return by_score(candidates)
 
-    def _compare_with_rivals(self, current: Fit) -> Fit:
-        """Put each accepted effect's rivals in its place: swap where one is better, tie where none can tell."""
-        for accepted in list(self.accepted):
+    def _compare_with_rivals(self, current: Fit, some: Sequence[Accepted]) -> Fit:
+        """Put rivals of `some` accepted effects in their places: swap where one is better, tie where none can tell."""
+        for accepted in some:
             inside = {a.name for a in self.accepted}
             accepted.tied, others = [], []
             for number, rival in enumerate(r for r in accepted.rivals if r.name not in inside):
@@ -400,6 +406,7 @@ class Attribution:
                 if other is not None:
                     others.append(other)
             best, others = self.models.best(self._candidate_of(current, accepted), others)
+            best, others = self.models.best(best, [self._again_from(best, other) for other in others])
             for other in others:
                 verdict = self.models.compare(best, other)
                 if verdict == TIED and _are_steps(best.placed, other.placed):
@@ -412,13 +419,15 @@ class Attribution:
                     accepted.tied.append(other)
             if best.name != accepted.name:
                 self._candidate(best.name).why_rejected = None
+                tried = {best.name, *(other.name for other in others)}
+                accepted.rivals = [*others, *(r for r in accepted.rivals if r.name not in tried)]
                 accepted.placed, accepted.score, accepted.support = best.placed, best.score, best.support
                 current = best.fit
         return current
 
     def _candidate_of(self, fit: Fit, accepted: Accepted) -> Candidate:
-        select = self.models.judge(fit)
-        return Candidate(accepted.placed, accepted.score, None, fit, select, accepted.support)
+        start, select = fit.point[fit.columns(accepted.name)], self.models.judge(fit)
+        return Candidate(accepted.placed, accepted.score, start, fit, select, accepted.support)
 
     def _swapped(self, current: Fit, accepted: Accepted, rival: Candidate) -> Candidate | None:
         """The model with `rival` in the place of `accepted`, if the rival is supported there."""
@@ -434,12 +443,24 @@ class Attribution:
         )
         if fit is None:
             return None
-        before = self.models.judge(without)
-        support, select = self._support(without, fit, rival.placed, before, len(self.candidates))
-        found = Candidate(rival.placed, rival.score, rival.start, fit, select, support)
-        if support.reason_against() or implausible(self.models, without, fit, found.placed):
+        found = self._with_fit(rival, without, fit)
+        if found.support.reason_against() or implausible(self.models, without, fit, found.placed):
             return None
         return found
+
+    def _with_fit(self, candidate: Candidate, without: Fit, fit: Fit) -> Candidate:
+        """The candidate with a fit that has it, and its support there over the fit `without` it."""
+        before = self.models.judge(without)
+        support, select = self._support(without, fit, candidate.placed, before, len(self.candidates))
+        return replace(candidate, fit=fit, select=select, support=support)
+
+    def _again_from(self, best: Candidate, other: Candidate) -> Candidate:
+        """`other`, fitted again from where the `best` ended if that has more parameters: it may be a limit of it."""
+        if len(other.fit.point) >= len(best.fit.point):
+            return other
+        again = self.models.better_from(other.fit, best.fit)
+        without = again and self.models.without(again, other.name)
+        return self._with_fit(other, without, again) if without else other
 
 
 def _are_steps(one: Placed, other: Placed) -> bool:

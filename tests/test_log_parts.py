@@ -1,0 +1,74 @@
+"""What chooses between models: a third of the windows, from every recording, whatever the order of the log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from capture_cli.log.arrays import Log
+from capture_cli.log.windows import Windows, cut
+from capture_cli.select.log_parts import BLOCK, ENOUGH_WINDOWS, select_folds
+
+SAMPLES, STEP = 8, 1 / 128  # of a window; s
+
+
+def windows_of(episodes: Sequence[tuple[float, int]]) -> Windows:
+    """Of episodes of a sine each: its amplitude, and how many windows it has."""
+    counts = [SAMPLES * windows for _, windows in episodes]
+    outputs = [size * np.sin(np.arange(n)) for (size, _), n in zip(episodes, counts, strict=True)]
+    stops = np.cumsum(counts)
+    log = Log(
+        time=np.concatenate([STEP * np.arange(n) for n in counts]),
+        outputs=np.concatenate(outputs)[:, None],
+        episodes=[slice(stop - n, stop) for n, stop in zip(counts, stops, strict=True)],
+        inputs=np.zeros((stops[-1], 1)),
+    )
+    return cut(log, SAMPLES * STEP, STEP, np.array([False]))
+
+
+def judged(episodes: Sequence[tuple[float, int]]) -> set[tuple[float, int]]:
+    """The windows that judge: the amplitude of their episode, and their number in it."""
+    windows = windows_of(episodes)
+    (_, choose), *_ = select_folds(windows, np.zeros(len(windows), dtype=bool)).folds
+    number = np.arange(len(windows)) - np.searchsorted(windows.episode, windows.episode)
+    return {(episodes[e][0], int(n)) for e, n in zip(windows.episode[choose], number[choose], strict=True)}
+
+
+@pytest.mark.parametrize("count", [2, 5, ENOUGH_WINDOWS, 40])
+def test_folds_judge_only_what_was_not_fitted(count):
+    is_test = np.arange(count) == count - 1
+    found = select_folds(windows_of([(1.0, count)]), is_test)
+    for fitted, judging in found.folds:
+        assert not (fitted & judging).any()
+        assert not (is_test & (fitted | judging)).any()
+    assert len(found.folds) == (1 if count - 1 >= ENOUGH_WINDOWS else min(3, count - 1) * (count > 2))
+
+
+def test_few_windows_are_all_judged_once():
+    folds = select_folds(windows_of([(1.0, 7)]), np.arange(7) == 6).folds
+    assert (np.sum([own for _, own in folds], axis=0) == np.r_[np.ones(6), 0]).all()
+
+
+@given(st.data())
+def test_the_order_of_the_episodes_does_not_matter(data):
+    counts = data.draw(st.lists(st.integers(1, 9), min_size=2, max_size=8))
+    episodes = [(1.5**k, windows) for k, windows in enumerate(counts)]
+    assert judged(data.draw(st.permutations(episodes))) == judged(episodes)
+
+
+def test_each_condition_is_fitted_and_judges():
+    """Three gains in each of three motions, in this order: every third episode would be of one gain."""
+    episodes = [(motion * gain, 4 * BLOCK) for motion in (1, 10, 100) for gain in (1.0, 1.1, 1.2)]
+    found = judged(episodes)
+    for size, windows in episodes:
+        assert 0 < sum(own == size for own, _ in found) < windows
+
+
+def test_short_episodes_take_turns():
+    sizes = [1.3**k for k in range(12)]
+    found = {size for size, _ in judged([(size, 1) for size in sizes])}
+    assert found == set(sizes[1::3])
