@@ -7,6 +7,7 @@ neither accelerations nor noise-free states are needed.) The time t is that sinc
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -77,8 +78,13 @@ class ExpressionTerm(Effect):
 
     @cached_property
     def _value(self) -> Callable[[World], np.ndarray]:
-        """The term (simulation,) in a world: compiled once it is simulated; few of many are."""
-        return eval(f"lambda world: {self.term.of('world', ':, ')}", {"np": np})
+        """The term (simulation,) in a world: compiled once it is simulated; few of many are.
+
+        Of a column of a larger array numpy takes another routine for powers and sines, with another last digit, where
+        the memory of the result happens to begin at the column's end: it is given each in a piece.
+        """
+        source = re.sub(r"world\.\w+\[:, \d+\]", r"np.ascontiguousarray(\g<0>)", self.term.of("world", ":, "))
+        return eval(f"lambda world: {source}", {"np": np})
 
     def force(self, values, timestep, **_):
         def push(world: World) -> None:
