@@ -189,7 +189,8 @@ def test_a_rival_that_is_not_as_good_may_be_enough(explained):
     fit = FakeFit(("lag@drive",), 1.0)
     selection._candidate_of = lambda *_: Candidate(lag, fit=fit)
     selection._swapped = lambda *_: Candidate(delay, fit=FakeFit(("delay@drive",), 1.01))
-    assert selection._compare_with_rivals(fit) is fit
+    selection._again_from = lambda _, other: other
+    assert selection._compare_with_rivals(fit, selection.accepted) is fit
     reason = selection.candidates[1].why_rejected
     assert reason.startswith("lag@drive explains more")
     assert reason.endswith("chance allows") == explained

@@ -11,7 +11,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from diagnosing import look_among
 from held_inputs import hold
 from inspecting import inspect
 from slow_sensors import EVERY, MACHINES, jittered, regular, thinned, with_sparse
@@ -370,7 +369,6 @@ def test_an_output_that_was_never_held_out_has_no_error_there(tmp_path, capsys, 
         with contextlib.suppress(SystemExit):
             main()
 
-    look_among(monkeypatch, "coulomb-friction")
     log, task = half_blind(tmp_path)
     options = ["--real-log", log, "--task", task, "--threads", "1"]
     capture("identify", *options, "--out", tmp_path / "e")
