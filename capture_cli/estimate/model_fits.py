@@ -106,10 +106,11 @@ class ModelFits:
     ) -> Fit | None:
         """Fit from `start` (parameter,); None where every trial diverged.
 
-        near: another fit of the same part. This one begins with its initial states of windows and with its values where
-        they are better than those of `start`: as far as they concern the declared parameters and the effects that both
-        have. Where `near` lacks some of the effects and this one ends above it, it is begun again at it. corrections
-        (window, state): of the initial states, where they begin, if not where `near` has them.
+        near: another fit of the same part. This one begins with its initial states of windows and, where they are
+        better than those of `start`, its values, as far as they concern the declared parameters and the effects that
+        both have; and with its sensitivities, of the effects that both begin with, until it measures its own. Where
+        `near` lacks some of the effects and this one ends above it, it is begun again at it. corrections (window,
+        state): of the initial states, where they begin, if not where `near` has them.
         """
         new, theirs = effects, () if near is None else near.effects
         if corrections is None and near is not None:
@@ -219,10 +220,10 @@ class ModelFits:
         simulator = self.simulator(effects)
         data = part.data(simulator)
         found = np.zeros(data.initial_sd.shape) if corrections is None else corrections
-        searched = {e.name: e.effect for e in new if e.effect.states_anywhere and e.effect.states}
+        anywhere = {e.name: e.effect for e in new if e.effect.states_anywhere and e.effect.states}
         for name, own in self._states(effects):
-            if name in searched:
-                effect = searched[name]
+            if name in anywhere:
+                effect = anywhere[name]
                 trials = np.repeat(found[None], len(effect.states_tried), axis=0)
                 trials[:, :, own] = effect.states_tried[:, None] * (data.initial_sd[:, own] > 0)
                 points = np.repeat(point[None], len(trials), axis=0)

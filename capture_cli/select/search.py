@@ -152,13 +152,13 @@ class Attribution:
                 withdrawn.why_rejected = "without it, fitted again from where it led, the model does as well"
                 current = better
                 continue
-            earlier = self.accepted[:known]
+            earlier = [a.name for a in self.accepted[:known]]
             found = self._split(found, self.accepted[known:])
             current = self._backward(found, self.accepted, Support.reason_against_entry)
-            if not self.models.is_explained(
-                current
-            ):  # another may have come before while this one was missing
-                current = self._compare_with_rivals(current, [a for a in self.accepted if a in earlier])
+            # while this one was missing another may have come in the place of a rival
+            if not self.models.is_explained(current):
+                asked = [a for a in self.accepted if a.name in earlier]
+                current = self._compare_with_rivals(current, asked)
             self._keep(current)
         current = self._without_minor(current)
         current = self._keep(self._backward(current, self.accepted, Support.reason_against))
