@@ -38,9 +38,11 @@ NOT_OF_THE_CORE = {
     "context.policies._episode_env",
     "context.policies._sac_training",
     "context.worlds._gymnasium",
+    "context.worlds._pushed",
     "context.worlds._robosuite",
     "context.worlds._scene",
     "context.worlds.air_hockey",
+    "context.worlds.door",
     "context.worlds.scooping",
 }
 NEEDS = {  # commands, and the package that is missing first; no file that they name exists
