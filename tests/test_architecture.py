@@ -190,6 +190,7 @@ def test_models_of_users_are_compiled_in_one_place():
         "model.effects.companion",
         "model.tasks._scooping",
         "model.tasks.air_hockey",
+        "model.tasks.door",
     }
     assert found - own == {"model.mjcf.model_file", "model.mjcf.mjcf_writer"}
 

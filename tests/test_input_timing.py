@@ -48,8 +48,9 @@ def test_what_the_task_says_is_not_asked_again():
     ("effect", "magnitude", "dress", "linear"),
     [
         ("coulomb-friction@x", 3.0, "plain", False),
-        ("coulomb-friction@x", 3.0, "half-rate", False),  # not sure, and held commands leave nothing either
-        ("direction-dependent-viscous@x", 10.0, "half-rate", True),  # the balance does
+        ("coulomb-friction@x", 3.0, "half-rate", True),
+        ("coulomb-friction@x", 10.0, "half-rate", False),  # not sure, and held commands leave nothing either
+        ("direction-dependent-viscous@x", 10.0, "half-rate", True),
     ],
 )
 def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnitude, dress, linear):

@@ -161,7 +161,7 @@ def test_an_effect_is_found_before_outliers(slider_task, tmp_path, without_pages
     """While it is missing they cannot be told from what it does, and with it they are all that is left."""
     look_among(monkeypatch, *LOOKED_FOR)
     log = sliding(slider_task, tmp_path, "coulomb-friction@x=0.5", episodes=5).log
-    disturbed(log, 0.03, 5e-3).write(tmp_path / "outliers.zarr")
+    disturbed(log, 0.01, 8e-3).write(tmp_path / "outliers.zarr")
     found = diagnose(
         real_log=tmp_path / "outliers.zarr", task=str(slider_task), out=tmp_path / "d", threads=1, quiet=True
     ).document
