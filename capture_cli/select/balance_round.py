@@ -52,7 +52,7 @@ class BalanceRound:
         self.ranked = by_score(candidates)
         values = [current.point[current.columns(e.name)] for e in current.effects]
         self._before, self._best = models.judge(current), None
-        self._alone = False  # whether one law alone holds
+        self._unites = False  # whether sets are of effects that hold alone, too
         self._others: list[BalancedModel] = []
         # beside what was found already one is looked for at a time
         sizes = 1 if current.effects else most
@@ -101,7 +101,6 @@ class BalanceRound:
             larger = number > 0
             if larger:
                 smaller = least([s.fit for s in found]) or self.current
-                self._alone = bool(found)
             else:
                 self._others = level.others
             more = self._best_that_hold(level, smaller)
@@ -127,7 +126,7 @@ class BalanceRound:
         """`found`, and larger sets of it where it leaves something."""
         if not found or self._explained(found):
             return found
-        self._alone = True
+        self._unites = True
         return [*found, *self._fit(self._unions(found), least([s.fit for s in found]))]
 
     def _explained(self, found: Sequence[FittedSet]) -> bool:
@@ -181,12 +180,12 @@ class BalanceRound:
     def _fitted(self, model: BalancedModel, smaller: Fit) -> list[FittedSet]:
         """The model fitted by simulation, if it holds on what judges and explains materially more than `smaller`.
 
-        Several laws at once, where one alone holds, have to leave nothing: what they leave shows that the balance of
-        the `current` model, which chose them, is far from that of the machine. One moves it nearer.
+        Laws that each hold alone have to leave nothing together: they may stand in for one that the balance of the
+        `current` model, which is far from the machine, does not show. The best of them moves it nearer.
         """
         added = model.effects[len(self.current.effects) :]
         needed = min(needed_error(smaller, REJECTION.material), self.useful_error)
-        rival, to_explain = self._best, self._alone and not _is_one_law(added)
+        rival, to_explain = self._best, self._unites and not _is_one_law(added)
         to_reach = lack_of_fit(self.current.at).threshold if to_explain else np.inf
         effort = Effort(rival=rival, to_reach=to_reach, needed=needed, escapes=False)
         fit = self.models.fit(model.effects, model.start, self.current, effort)
@@ -195,7 +194,7 @@ class BalanceRound:
             fit = self.models.escaped(fit, rival, self.useful_error)
             reason = leaves_something(self.current, fit, self.useful_error)
             if not reason and to_explain and not self.models.is_explained(fit):
-                reason = "several at once, where one alone holds, have to leave nothing"
+                reason = "each holds alone, and together they leave something"
         self._best = least([rival, fit])
         if reason:
             self._reject(added, reason)
