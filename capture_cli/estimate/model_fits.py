@@ -174,11 +174,7 @@ class ModelFits:
 
     def _parameters(self, effects: Sequence[Placed]) -> Iterator[tuple[Placed, slice]]:
         """Each effect, and which of the model's parameters are its own."""
-        stop = self.parameter_count(())
-        for placed in effects:
-            own = slice(stop, stop + len(placed.effect.parameters))
-            stop = own.stop
-            yield placed, own
+        return _own_part(effects, "parameters", self.parameter_count(()))
 
     def _nearer(
         self,
@@ -220,10 +216,10 @@ class ModelFits:
         simulator = self.simulator(effects)
         data = part.data(simulator)
         found = np.zeros(data.initial_sd.shape) if corrections is None else corrections
-        anywhere = {e.name: e.effect for e in new if e.effect.states_anywhere and e.effect.states}
-        for name, own in self._states(effects):
-            if name in anywhere:
-                effect = anywhere[name]
+        anywhere = {e.name for e in new if e.effect.states_anywhere and e.effect.states}
+        for placed, own in self._states(effects):
+            if placed.name in anywhere:
+                effect = placed.effect
                 trials = np.repeat(found[None], len(effect.states_tried), axis=0)
                 trials[:, :, own] = effect.states_tried[:, None] * (data.initial_sd[:, own] > 0)
                 points = np.repeat(point[None], len(trials), axis=0)
@@ -435,24 +431,28 @@ class ModelFits:
         transferred = np.zeros((len(corrections), self._state_count(effects)))
         own = self._state_count(())
         transferred[:, :own] = corrections[:, :own]
-        known = dict(self._states(theirs))
-        for name, there in self._states(effects):
-            if name in known:
-                transferred[:, there] = corrections[:, known[name]]
+        known = {placed.name: there for placed, there in self._states(theirs)}
+        for placed, here in self._states(effects):
+            if placed.name in known:
+                transferred[:, here] = corrections[:, known[placed.name]]
         return transferred
 
-    def _states(self, effects: Sequence[Placed]) -> Iterator[tuple[str, slice]]:
-        """Of each effect its name and which of a window's states are its own."""
-        stop = self._state_count(())
-        for placed in effects:
-            own = slice(stop, stop + len(placed.effect.states))
-            stop = own.stop
-            yield placed.name, own
+    def _states(self, effects: Sequence[Placed]) -> Iterator[tuple[Placed, slice]]:
+        """Each effect, and which of a window's states are its own."""
+        return _own_part(effects, "states", self._state_count(()))
 
 
 def searched(effects: Sequence[Placed]) -> list[Placed]:
     """Those whose hidden states are searched for where a descent gets stuck."""
     return [e for e in effects if len(e.effect.states_tried)]
+
+
+def _own_part(effects: Sequence[Placed], what: str, first: int) -> Iterator[tuple[Placed, slice]]:
+    """Each effect, and which part of a vector is its own that has `what` of all of them in a row from `first` on."""
+    for placed in effects:
+        own = slice(first, first + len(getattr(placed.effect, what)))
+        first = own.stop
+        yield placed, own
 
 
 def _not_in(known: Sequence[Placed], effects: Sequence[Placed]) -> list[Placed]:

@@ -8,12 +8,15 @@ from capture_cli.common.frozen import frozen
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 
 # isort: split
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
 from robosuite.controllers import load_composite_controller_config
+from robosuite.models.base import MujocoXML
 
+from capture_cli.context.worlds._scene import SETTINGS as SCENE
 from capture_cli.context.worlds._scene import Played, Scene, check_rate
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks.base import ActionTask
@@ -31,7 +34,15 @@ class PushedScene(Scene):
     parameters: of the task, by name; begin: the first components of an action, which say where the tool begins. None
     of them, or those not named, are drawn at every reset. driven_by, and other arguments: of Scene; servos move the
     tool at `tool_velocity` (2,), m/s. Raises OptionError.
+
+    body: the name of what the plant stands in; origin: m, of the plant's from the middle of the table's top; held_at:
+    m, from the tool's middle, where the robot holds it.
     """
+
+    table_size = (1.0, 0.8, 0.05)  # m
+    body: str
+    origin: tuple[float, float, float]
+    held_at: tuple[float, float, float]
 
     def __init__(
         self,
@@ -74,6 +85,16 @@ class PushedScene(Scene):
         return self.plant.observe(self.outputs)[None, None]
 
     # --- the scene ---
+
+    def standing(self, plant: MujocoXML) -> ElementTree.Element:
+        """The plant in its body, and where its tool is held."""
+        middle = (x + y for x, y in zip(self.origin, (0, 0, SCENE.table_top), strict=True))
+        body = ElementTree.Element("body", name=self.body, pos=" ".join(map(str, middle)))
+        body.extend(part for part in plant.worldbody if part.tag in ("geom", "body"))
+        tool = body.find(f"body[@name='{self.tool}']")
+        held_at = " ".join(f"{x:g}" for x in self.held_at)
+        ElementTree.SubElement(tool, "site", name=self.handle, pos=held_at, size="0.004", rgba="0 0 0 0")
+        return body
 
     def initialize_time(self, control_freq):
         super().initialize_time(control_freq)

@@ -10,27 +10,17 @@ in the same way.
 
 from __future__ import annotations
 
-from capture_cli.common.frozen import frozen
-
 # patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 
 # isort: split
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 
 import gymnasium
 import numpy as np
-from robosuite.models.base import MujocoXML
 
 from capture_cli.context.worlds._pushed import PushedScene
-from capture_cli.context.worlds._scene import SETTINGS as SCENE
 from capture_cli.model.tasks.air_hockey import AirHockey
-
-
-@frozen
-class SETTINGS:
-    rink: tuple[float, ...] = (0.12, 0.0, 0.05)  # m, of the plant's origin from the middle of the table's top
 
 
 class TableAirHockey(PushedScene):
@@ -43,7 +33,7 @@ class TableAirHockey(PushedScene):
     """
 
     tool, handle, observed = "mallet", "knob", "puck_and_mallet"
-    table_size = (1.0, 0.8, 0.05)  # m
+    body, origin, held_at = "rink", (0.12, 0.0, 0.05), (0.0, 0.0, 0.035)
 
     def __init__(
         self,
@@ -54,17 +44,6 @@ class TableAirHockey(PushedScene):
         **options,
     ):
         super().__init__(AirHockey(), robots, parameters, mallet, driven_by, **options)
-
-    def standing(self, plant: MujocoXML) -> ElementTree.Element:
-        """The rink, and a knob to hold the mallet by."""
-        middle = (x + y for x, y in zip(SETTINGS.rink, (0, 0, SCENE.table_top), strict=True))
-        rink = ElementTree.Element("body", name="rink", pos=" ".join(map(str, middle)))
-        rink.extend(part for part in plant.worldbody if part.tag in ("geom", "body"))
-        mallet = rink.find("body[@name='mallet']")
-        ElementTree.SubElement(
-            mallet, "site", name=self.handle, pos="0 0 0.035", size="0.004", rgba="0 0 0 0"
-        )
-        return rink
 
 
 MACHINE = TableAirHockey

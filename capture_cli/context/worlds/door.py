@@ -9,26 +9,16 @@ as it stands, and stepped with its options, so that a finger with the same motio
 
 from __future__ import annotations
 
-from capture_cli.common.frozen import frozen
-
 # patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 
 # isort: split
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 
 import gymnasium
-from robosuite.models.base import MujocoXML
 
 from capture_cli.context.worlds._pushed import PushedScene
-from capture_cli.context.worlds._scene import SETTINGS as SCENE
 from capture_cli.model.tasks.door import Door
-
-
-@frozen
-class SETTINGS:
-    sill: tuple[float, ...] = (0.12, 0.0, 0.0)  # m, of the plant's origin from the middle of the table's top
 
 
 class PushedDoor(PushedScene):
@@ -41,7 +31,7 @@ class PushedDoor(PushedScene):
     """
 
     tool, handle, observed = "finger", "grip_of_rod", "door_and_finger"
-    table_size = (1.0, 0.8, 0.05)  # m
+    body, origin, held_at = "sill", (0.12, 0.0, 0.0), (-0.2, 0.0, 0.0)
 
     def __init__(
         self,
@@ -53,15 +43,6 @@ class PushedDoor(PushedScene):
     ):
         begin = None if finger_y is None else (finger_y,)
         super().__init__(Door(), robots, parameters, begin, driven_by, **options)
-
-    def standing(self, plant: MujocoXML) -> ElementTree.Element:
-        """The door in its posts, and where the finger's rod is held."""
-        middle = (x + y for x, y in zip(SETTINGS.sill, (0, 0, SCENE.table_top), strict=True))
-        sill = ElementTree.Element("body", name="sill", pos=" ".join(map(str, middle)))
-        sill.extend(part for part in plant.worldbody if part.tag in ("geom", "body"))
-        finger = sill.find("body[@name='finger']")
-        ElementTree.SubElement(finger, "site", name=self.handle, pos="-0.2 0 0", size="0.004", rgba="0 0 0 0")
-        return sill
 
 
 MACHINE = PushedDoor
