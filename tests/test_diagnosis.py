@@ -532,13 +532,13 @@ def test_an_effect_is_found_added_and_its_error_reported_before_and_after(logs, 
 
 def test_a_refit_begins_with_the_starts_that_were_found():
     number = np.array([FIT, TEST, SELECT, FIT, SELECT])
-    folds = Folds(number == FIT, ((number == FIT, number == SELECT),))
+    folds = Folds(number == FIT, ((number == FIT, number == SELECT),), number == FIT)
     fitted, judged = (
         SimpleNamespace(corrections=np.array([[1.0], [4]])),
         SimpleNamespace(corrections=np.array([[3.0], [5]])),
     )
-    assert initial_states_found(folds, fitted, judged).ravel().tolist() == [1, 3, 4, 5]
-    assert initial_states_found(folds, fitted, None).ravel().tolist() == [1, 0, 4, 0]
+    assert initial_states_found(folds, fitted, judged).ravel().tolist() == [1, 0, 3, 4, 5]
+    assert initial_states_found(folds, fitted, None).ravel().tolist() == [1, 0, 0, 4, 0]
 
 
 def test_what_arises_in_contact_is_found_there(tmp_path):

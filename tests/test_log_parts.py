@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from capture_cli.log.arrays import Log
 from capture_cli.log.windows import Windows, cut
-from capture_cli.select.log_parts import BLOCK, ENOUGH_WINDOWS, select_folds
+from capture_cli.select.log_parts import BLOCK, ENOUGH_WINDOWS, SETTINGS, select_folds
 
 SAMPLES, STEP = 8, 1 / 128  # of a window; s
 
@@ -72,3 +72,22 @@ def test_short_episodes_take_turns():
     sizes = [1.3**k for k in range(12)]
     found = {size for size, _ in judged([(size, 1) for size in sizes])}
     assert found == set(sizes[1::3])
+
+
+@pytest.mark.parametrize("windows", [3, 6, 30])
+def test_of_a_long_log_a_few_windows_of_each_recording_are_fitted(windows):
+    long = windows_of([(1.5**k, windows) for k in range(9)])
+    folds = select_folds(long, np.zeros(len(long), dtype=bool))
+    few = folds.few()
+    [(fit, judging)], [(_, judged)] = few.folds, folds.folds
+    assert (few.fit == fit).all() and (judging == judged).all() and (few.balance == folds.fit).all()
+    assert not (few.fit & ~folds.fit).any()
+    assert few.fit.sum() == min(SETTINGS.fitted, folds.fit.sum())
+    of_each = np.bincount(long.episode[few.fit], minlength=9)
+    fitted = np.bincount(long.episode[folds.fit], minlength=9) > 0
+    assert (of_each[fitted] > 0).all()
+
+
+def test_few_windows_stay_as_they_are():
+    folds = select_folds(windows_of([(1.0, 7)]), np.zeros(7, dtype=bool))
+    assert folds.few() is folds

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,14 @@ from capture_cli.select.forward_round import SETTINGS as FORWARD_ROUND
 from capture_cli.select.forward_round import by_score, reject_at_first_sight
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.rejection import SETTINGS as REJECTION
-from capture_cli.select.rejection import implausible, leaves_something, needed_error, no_gain, slight
+from capture_cli.select.rejection import (
+    leaves_something,
+    needed_error,
+    no_gain,
+    out_of_range,
+    slight,
+    stands_in,
+)
 from capture_cli.select.score import similarity
 
 
@@ -203,21 +210,30 @@ class BalanceRound:
         return self.models.held[-1:]
 
     def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit) -> str | None:
-        """What speaks against a fit before it is judged."""
-        if reason := no_gain(self.current, fit, self._best):
-            return reason
-        reasons = (implausible(self.models, self.current, fit, placed) for placed in added)
-        return next((r for r in reasons if r), None) or slight(smaller, fit, REJECTION.material)
+        """What its fit says against a model."""
+        models, current = self.models, self.current
+        reason = no_gain(current, fit, self._best) or slight(smaller, fit, REJECTION.material)
+        if not (reason or models.may_escape(fit, self._best, self.useful_error)):
+            reason = leaves_something(current, fit, self.useful_error)
+        return reason or _first(out_of_range(models, current, fit, placed) for placed in added)
 
     def _unsupported(self, fit: Fit, added: Sequence[Placed]) -> str | None:
+        """What simulations of other windows, and of the log before each, say against it."""
+        models, current = self.models, self.current
         candidates = [self.candidates[e.name] for e in added]
-        support, _ = self.models.support_of(self.current, fit, candidates, self._before, len(self.candidates))
-        return support.reason_against_entry()
+        support, _ = models.support_of(current, fit, candidates, self._before, len(self.candidates))
+        return support.reason_against_entry() or _first(
+            stands_in(models, current, fit, placed) for placed in added
+        )
 
     def _reject(self, added: Sequence[Placed], reason: str) -> None:
         """Say why an effect is out; of several at once none is out for that."""
         if len(added) == 1:
             self.candidates[added[0].name].why_rejected = reason
+
+
+def _first(reasons: Iterable[str | None]) -> str | None:
+    return next((r for r in reasons if r), None)
 
 
 def _is_one_law(added: Sequence[Placed]) -> bool:

@@ -75,24 +75,28 @@ def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_s
     if found.out_of_time:
         return found
 
-    def otherwise(prepared: PreparedLog, what: str, *, free: bool) -> tuple[_Declared, Explanation]:
+    def otherwise(
+        prepared: PreparedLog, what: str, *, free: bool = False, whole: bool = False
+    ) -> tuple[_Declared, Explanation]:
         """What is found so; as before where its search is stopped, for that before was whole."""
         settings.limit.left_out[:] = known
         with suppress(OutOfTime), settings.limit.keeping(begun.protocol.closing.whole):
-            other = _begin(prepared, nominal, settings, on_step, found.rollouts, free=free)
+            other = _begin(prepared, nominal, settings, on_step, found.rollouts, free=free, whole=whole)
             explained = other.explain()
             if not explained.out_of_time:
                 return other, explained
         return begun, replace(found, left_out=(*found.left_out, what))
 
+    if whole := found.all_leaves_something:
+        begun, found = otherwise(begun.prepared, "a search on all windows", whole=True)
     free = begun.as_acted and found.leaves_something
     if free:
-        begun, found = otherwise(begun.prepared, "a search with free initial states", free=True)
+        begun, found = otherwise(begun.prepared, "a search with free initial states", free=True, whole=whole)
     if found.leaves_something:
-        fitted, after = found.parts.windows(FIT), found.after.fit
+        fitted, after = found.parts.fitted, found.after.fit
         noisier = with_outliers(begun.prepared, fitted, after, settings.threads)
         if noisier is not begun.prepared:
-            _, found = otherwise(noisier, "a search with outliers in the noise floor", free=free)
+            _, found = otherwise(noisier, "a search with outliers in the noise floor", free=free, whole=whole)
     return found
 
 
@@ -120,24 +124,28 @@ def _begin(
     rollouts: int,
     *,
     free: bool = False,
+    whole: bool = False,
 ) -> _Declared:
     """Declare the model; on from there where what it leaves shows another noise than the log, anew where contacts
     there need longer differences; until neither is so.
 
-    free: not with the initial states that the actions say. rollouts: how many windows were simulated before.
+    free: not with the initial states that the actions say. whole: on all windows of a long log. rollouts: how many
+    windows were simulated before.
     """
     start, corrections = nominal, None
     while True:
         acted = not free and begins_as_acted(prepared)
-        protocol = _Protocol(as_acted(prepared) if acted else prepared, settings, on_step, rollouts)
+        protocol = _Protocol(
+            as_acted(prepared) if acted else prepared, settings, on_step, rollouts, whole=whole
+        )
         declared = protocol.declare(start, corrections)
         better = _better_prepared(prepared, protocol, declared)
         if better is prepared:
             return _Declared(protocol, declared, prepared, acted)
         start, corrections = nominal, None
         if better.noise is not prepared.noise:
-            start, fitted = declared.point, LogParts.of(better).windows(FIT)
-            corrections = fitted.corrections_from(protocol.parts.windows(FIT), declared.corrections)
+            start, fitted = declared.point, LogParts.of(better, whole=whole).fitted
+            corrections = fitted.corrections_from(protocol.parts.fitted, declared.corrections)
         prepared, rollouts = better, protocol.fits.rollouts
 
 
@@ -145,7 +153,7 @@ def _better_prepared(prepared: PreparedLog, protocol: _Protocol, declared: Fit) 
     """`prepared` with the noise that what `declared` leaves shows, or with differences as long as contacts need there;
     itself where it has both.
     """
-    fitted, threads = protocol.parts.windows(FIT), protocol.settings.threads
+    fitted, threads = protocol.parts.fitted, protocol.settings.threads
     quieter = with_noise_of_residual(prepared, fitted, declared, threads)
     if quieter is not prepared:
         return quieter
@@ -179,13 +187,21 @@ class _Closing:
 class _Protocol:
     """The declared model, then effects, on one prepared log. `fits.rollouts` goes on from `rollouts`."""
 
-    def __init__(self, prepared: PreparedLog, settings: Settings, on_step: OnStep, rollouts: int = 0):
+    def __init__(
+        self,
+        prepared: PreparedLog,
+        settings: Settings,
+        on_step: OnStep,
+        rollouts: int = 0,
+        *,
+        whole: bool = False,
+    ):
         self.prepared = prepared
         self.settings = settings
         self.limit, self.closing = settings.limit, _Closing()
         self.on_step = on_step
-        self.parts = LogParts.of(prepared)
-        fitted = np.flatnonzero(self.parts.number == FIT)
+        self.parts = LogParts.of(prepared, whole=whole)
+        fitted = np.flatnonzero(self.parts.folds.balance)
         self.balanced = balanced_point(prepared, fitted, prepared.task.space.nominal, settings.threads)
         self.fits = ModelFits(
             prepared, settings.threads, settings.checkpoint, from_balance=self.balanced is not None
@@ -199,7 +215,7 @@ class _Protocol:
         """
         own = self.settings
         declared = self.fits.fit(
-            self.parts.windows(FIT),
+            self.parts.fitted,
             [],
             start if corrections is not None else self._nearer(start),
             corrections=corrections,
@@ -215,7 +231,7 @@ class _Protocol:
         """Of `start` (parameter,) and what fills the force balance best the one that is nearer to the log."""
         if self.balanced is None or not len(start):
             return start
-        return self.fits.nearest(self.parts.windows(FIT), np.stack([self.balanced, start]))
+        return self.fits.nearest(self.parts.fitted, np.stack([self.balanced, start]))
 
     def run(self, declared: Fit, *, last_time: bool = True) -> Explanation:
         """Attribute what `declared` leaves. last_time: if what was fitted is not explained then, look for an expression
@@ -295,7 +311,7 @@ class _Protocol:
 
     def _seen(self, model: JudgedModel) -> PreparedLog:
         """What its refit was made of."""
-        return self.parts.windows(*((FIT, SELECT) if model.is_refitted else (FIT,)))
+        return self.parts.windows(FIT, SELECT) if model.is_refitted else self.parts.fitted
 
     def _attribution(
         self, candidates: Sequence[Candidate] | None = None, known: Sequence[str] = ()
@@ -381,7 +397,7 @@ class _Protocol:
             fit.effects,
             fit.point,
             near=fit,
-            corrections=initial_states_found(self.parts.folds, fit, judged),
+            corrections=initial_states_found(self.parts.folds, fit, judged)[self.parts.number != TEST],
             effort=Effort(tolerance=FIT_SETTINGS.exact),
         )
 
@@ -390,14 +406,16 @@ class _Protocol:
 
         judged: the fit on what judges.
         """
-        number = self.parts.number
+        number, folds = self.parts.number, self.parts.folds
         if again is not None:
             where = [number != TEST]
             parts = [self.fits.on(self.prepared.part(where[0]), again, corrections=again.corrections)]
         else:
-            where, parts = [number == FIT], [PartFit.of(fit.at)]
-            if (number == SELECT).any():
-                where, parts = [*where, number == SELECT], [*parts, judged]
+            where, parts = [folds.fit], [PartFit.of(fit.at)]
+            if len(folds.folds) == 1:
+                where, parts = [*where, folds.seen & ~folds.fit], [*parts, judged]
+            if (rest := (number != TEST) & ~folds.seen).any():
+                where, parts = [*where, rest], [*parts, self.fits.on(self.prepared.part(rest), fit)]
         if (number == TEST).any():
             thorough = not lack_of_fit((again or fit).at).lacking
             where.append(number == TEST)
@@ -411,13 +429,12 @@ class _Protocol:
         """
         if again is last:
             return last
-        seen = self.parts.number[self.parts.number != TEST]
         other = self.fits.fit(
-            self.parts.windows(FIT),
+            self.parts.fitted,
             last.effects,
             again.point,
             near=last,
-            corrections=again.corrections[seen == FIT],
+            corrections=again.corrections[self.parts.folds.fit[self.parts.number != TEST]],
         )
         return least([last, other])
 

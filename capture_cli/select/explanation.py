@@ -16,7 +16,7 @@ from capture_cli.estimate.solve.intervals import Intervals, intervals
 from capture_cli.estimate.time_step import ShorterStep
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.expression import ExpressionTerm, formula
-from capture_cli.select.log_parts import FIT, TEST, LogParts
+from capture_cli.select.log_parts import TEST, LogParts
 from capture_cli.select.search import Accepted
 from capture_cli.simulate.simulator import InitialConditions, Motion
 
@@ -111,10 +111,16 @@ class Explanation:
         return not self.after.lacking.is_near
 
     @property
+    def all_leaves_something(self) -> bool:
+        """Whether of a long log the few windows that were searched are explained, and all of them are not."""
+        last = self.after
+        return self.parts.is_few and not lack_of_fit(last.fit.at).lacking and not last.lacking.is_near
+
+    @property
     def stamps(self) -> TimeStampJitter | None:
         """What the last model leaves says of the log's time stamps."""
         number, last = self.parts.number, self.after
-        fitted = number != TEST if last.is_refitted else number == FIT
+        fitted = number != TEST if last.is_refitted else self.parts.folds.fit
         return time_stamp_jitter(self.parts.prepared, last.whole, last.again.at, fitted)
 
     @cached_property

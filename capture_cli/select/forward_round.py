@@ -16,7 +16,15 @@ from capture_cli.select.candidates import Candidate, score_at_null, worth_a_refi
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.narrow_peaks import NarrowPeaks
 from capture_cli.select.rejection import SETTINGS as REJECTION
-from capture_cli.select.rejection import implausible, leaves_something, needed_error, no_gain, slight
+from capture_cli.select.rejection import (
+    implausible,
+    leaves_something,
+    needed_error,
+    no_gain,
+    out_of_range,
+    slight,
+    stands_in,
+)
 from capture_cli.select.score import similarity
 from capture_cli.select.score_checkpoint import kept_scores
 
@@ -178,11 +186,14 @@ class ForwardRound:
             candidate.why_rejected = reason
             return
         candidate.fit = fit
+        candidate.why_rejected = out_of_range(self.models, current, fit, candidate.placed)
+        if candidate.why_rejected:
+            return
         candidate.support, candidate.select = self.models.support_of(
             current, fit, [candidate], before, self.tried
         )
         reason = candidate.support.reason_against_entry()
-        candidate.why_rejected = reason or implausible(self.models, current, fit, candidate.placed)
+        candidate.why_rejected = reason or stands_in(self.models, current, fit, candidate.placed)
         if candidate.why_rejected is None:
             candidate.fit = self.models.escaped(fit, rival, self.useful_error)
             candidate.select = self.models.judge(candidate.fit)

@@ -42,7 +42,7 @@ def timings_with_effects(
     """
     tasks = [_read(prepared.task, linear) for linear in (False, True)]
     log = replace(prepared, task=tasks[0])
-    screening = screening_of(log, LogParts.of(log).folds.fit, candidates, threads, lambda *_: on_work())
+    screening = screening_of(log, LogParts.of(log).folds.balance, candidates, threads, lambda *_: on_work())
     if screening is None:
         return (), None
     screening.on_work = on_work

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.evenly_spread import evenly_spread
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.windows import Windows
@@ -14,28 +16,48 @@ SELECT_SHARE = 3  # one window in three
 ENOUGH_WINDOWS = 12  # to part with a third of them; fewer are cross-validated
 BLOCK = 3  # windows in a row
 
+
+@frozen
+class SETTINGS:
+    # Of a long log the search fits so many windows, evenly spread. A fit takes as long as the log is, and what doubles
+    # the noise floor shows in these (benchmarks.planted). The model that is found is fitted to all.
+    fitted: int = 36
+
+
 FIT, SELECT, TEST = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class LogParts:
-    """number (window,): the part of each window, FIT, SELECT or TEST. folds: how the first two judge models."""
+    """number (window,): the part of each window, FIT, SELECT or TEST. folds: how windows of the first two judge
+    models: all of them, or of a long log a few. is_few: whether it is a few.
+    """
 
     prepared: PreparedLog
     folds: Folds
     number: np.ndarray
+    is_few: bool
 
     @classmethod
-    def of(cls, prepared: PreparedLog) -> LogParts:
-        """What is held out stays so; the others are fitted, or choose where there are enough of them."""
+    def of(cls, prepared: PreparedLog, *, whole: bool = False) -> LogParts:
+        """What is held out stays so; the others are fitted, or choose where there are enough of them. whole: whether
+        all of a long log is searched.
+        """
         is_test = prepared.split.is_test
         folds = select_folds(prepared.windows, is_test)
-        return cls(prepared, folds, np.where(is_test, TEST, np.where(folds.fit, FIT, SELECT)))
+        number = np.where(is_test, TEST, np.where(folds.fit, FIT, SELECT))
+        searched = folds if whole else folds.few()
+        return cls(prepared, searched, number, is_few=bool((searched.fit != folds.fit).any()))
 
     def windows(self, *parts: int) -> PreparedLog | None:
         """The windows of these parts alone; None where there is none."""
         keep = np.isin(self.number, parts)
         return self.prepared.part(keep) if keep.any() else None
+
+    @property
+    def fitted(self) -> PreparedLog:
+        """What the search fits."""
+        return self.prepared.part(self.folds.fit)
 
 
 @dataclass(frozen=True)
@@ -43,15 +65,24 @@ class Folds:
     """How effects are selected: `fit` (window,) is fitted; each of `folds` is (fitted, judged), (window,) both.
 
     With enough windows there is one fold, and what it judges is never fitted. With few, every window is judged by
-    fits that did not see it.
+    fits that did not see it. balance (window,): what the force balance is of, all that may be fitted.
     """
 
     fit: np.ndarray
     folds: tuple[tuple[np.ndarray, np.ndarray], ...]
+    balance: np.ndarray
+
+    def few(self) -> Folds:
+        """With as many fitted windows as a search needs."""
+        if len(self.folds) != 1:
+            return self
+        [(fit, judging)] = self.folds
+        fit = _thinned(fit, SETTINGS.fitted)
+        return Folds(fit, ((fit, judging),), self.balance)
 
     @property
     def seen(self) -> np.ndarray:
-        """What is fitted or judges, (window,): all that is not test."""
+        """What is fitted or judges, (window,)."""
         return np.any([self.fit, *(judged for _, judged in self.folds)], axis=0)
 
 
@@ -68,13 +99,19 @@ def select_folds(windows: Windows, is_test: np.ndarray) -> Folds:
     if len(rest) >= ENOUGH_WINDOWS:
         judged[rest[turn % SELECT_SHARE == 1]] = True
         fit = ~is_test & ~judged
-        return Folds(fit, ((fit, judged),))
+        return Folds(fit, ((fit, judged),), fit)
     folds = []
     for number in range(min(SELECT_SHARE, len(rest)) if len(rest) > 1 else 0):
         judged = np.zeros(len(windows), dtype=bool)
         judged[rest[order[number::SELECT_SHARE]]] = True
         folds.append((~is_test & ~judged, judged))
-    return Folds(~is_test, tuple(folds))
+    return Folds(~is_test, tuple(folds), ~is_test)
+
+
+def _thinned(mask: np.ndarray, most: int) -> np.ndarray:
+    """At most so many of the windows of a mask (window,)."""
+    which = np.flatnonzero(mask)
+    return np.isin(np.arange(len(mask)), which[evenly_spread(len(which), most)])
 
 
 def _turns(windows: Windows) -> tuple[np.ndarray, np.ndarray]:

@@ -112,7 +112,7 @@ class ModelComparison:
             fit.effects,
             fit.point,
             near=fit,
-            corrections=initial_states_found(self.folds, fit, on),
+            corrections=initial_states_found(self.folds, fit, on)[seen],
             effort=Effort(seed=self.seed),
         )
         if both is None or lack_of_fit(both.at).lacking:
@@ -149,7 +149,9 @@ class ModelComparison:
             elif known is not None and [p.name for p in known.placed] == [p.name for p in asked]:
                 self._screening = known
             else:
-                self._screening = screening_of(prepared, self.folds.fit, self.candidates, threads, on_step)
+                self._screening = screening_of(
+                    prepared, self.folds.balance, self.candidates, threads, on_step
+                )
             if self._screening is not None:
                 self._screening.on_work = self.fits.engine.on_work
         return self._screening
@@ -200,18 +202,22 @@ class ModelComparison:
         return found
 
     def escaped(self, fit: Fit, rival: Fit | None, useful_error: float) -> Fit:
-        """`fit`, or where the escape from a minimum leads that hidden states make, taken for the one of its effects.
-
-        The escape takes longer than the fit, and is for what holds without it, not far above `useful_error`, and is not
-        behind its rival.
-        """
-        behind = rival is not None and fit.error > rival.error
-        if behind or not searched(fit.effects) or fit.error > LEAST_SQUARES.hopeless * useful_error:
+        """`fit`, or where the escape from a minimum leads that hidden states make, taken for the one of its effects."""
+        if not self.may_escape(fit, rival, useful_error):
             return fit
         effort = Effort(seed=self.seed, rival=rival)
         found = self.fits.escaped(self.fit_part, fit.effects, fit.point, near=fit, effort=effort)
         self.know(found)
         return found
+
+    @staticmethod
+    def may_escape(fit: Fit, rival: Fit | None, useful_error: float) -> bool:
+        """The escape takes longer than the fit, and is for what holds without it, not far above `useful_error`, and is
+        not behind its rival.
+        """
+        behind = rival is not None and fit.error > rival.error
+        near = fit.error <= LEAST_SQUARES.hopeless * useful_error
+        return near and not behind and bool(searched(fit.effects))
 
     def error_as_told(self, fit: Fit, told: Placed, needed: float) -> float:
         """The error of `fit` with one of its effects as it is `told`, of which the hidden states follow from the log
@@ -294,15 +300,20 @@ class ModelComparison:
     ) -> tuple[Support, PartFit | None]:
         """Support for what `fit` has over `before_fit`, and how `fit` does on what judges; before: how that does.
 
+        Nothing judges where the fit itself speaks against.
+
         added: parameters. hypotheses: how many effects, or sets of them, and shapes of them it is the best of.
         """
         samples = effective_samples(fit)
         free = samples - len(fit.space)
         p_fit = ratio_p_value(before_fit.penalised_squares, fit.penalised_squares, free, added, hypotheses)
         gain = bic_gain(before_fit.penalised_squares, fit.penalised_squares, samples, added)
+        of_fit = Support(p_fit, None, gain, None)
+        if of_fit.reason_against():
+            return of_fit, None
         after = self.judge(fit)
         if after is None:
-            return Support(p_fit, None, gain, None), None
+            return of_fit, None
         ratio = float(after.penalised_squares.sum() / before.penalised_squares.sum())
         return Support(p_fit, self._paired(before, after), gain, ratio), after
 
@@ -419,15 +430,13 @@ class ModelComparison:
 
 
 def initial_states_found(folds: Folds, fit: Fit, judged: PartFit | None) -> np.ndarray:
-    """Corrections (window, state) of the initial states where a refit on all that is not test begins: there it is
-    nearly done.
-    """
+    """Corrections (window, state) of the initial states where a refit begins: those that are known, else none."""
     corrections = np.zeros((len(folds.fit), fit.corrections.shape[1]))
     corrections[folds.fit] = fit.corrections
     if judged is not None and len(folds.folds) == 1:
         [(_, judging)] = folds.folds
         corrections[judging] = judged.corrections
-    return corrections[folds.seen]
+    return corrections
 
 
 def _similarity(one: Compared, other: Compared) -> float:

@@ -22,16 +22,19 @@ class SETTINGS:
 
 
 def implausible(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:
-    """What speaks against an effect in `fit`, over `current` without it, or None.
+    """What speaks against an effect in `fit`, over `current` without it, or None: where its values are, or that it
+    stands in for something else, which takes more simulations.
+    """
+    return out_of_range(models, current, fit, placed) or stands_in(models, current, fit, placed)
+
+
+def out_of_range(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:
+    """What the values in `fit` say against an effect, over `current` without it, or None.
 
     Where something is left: that it is at a bound, or drives a declared parameter to one. Where nothing is, that is
-    where they are, but for what is vague at a bound. A declared parameter may fall
-    to zero: then it had been standing in for the effect. Nor does it count where the log hardly determines it: then
-    it may be anywhere. Hidden states that follow from the log before have to explain something, too: free in each
-    window, they stand in for much.
+    where they are, but for what is vague at a bound. A declared parameter may fall to zero: then it had been standing
+    in for the effect. Nor does it count where the log hardly determines it: then it may be anywhere.
     """
-    if reason := stands_in(models, current, fit, placed):
-        return reason
     effect, ends = placed.effect, at_end(fit, placed)
     vague = next((ends[name] for name in effect.vague_at_end if name in ends), None)
     if vague or models.is_explained(fit):
@@ -50,7 +53,10 @@ def implausible(models: ModelComparison, current: Fit, fit: Fit, placed: Placed)
 
 
 def stands_in(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:
-    """Why an effect in `fit` is no explanation but by hidden states that are free in each window, or None."""
+    """Why an effect in `fit` is no explanation but by hidden states that are free in each window, or None.
+
+    Those that follow from the log before have to explain something, too: free in each window, they stand in for much.
+    """
     effect = placed.effect.as_told()
     if effect is None:
         return None
