@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from capture_cli.log.arrays import Log
 from capture_cli.log.windows import Windows, cut
-from capture_cli.select.log_parts import BLOCK, ENOUGH_WINDOWS, SETTINGS, select_folds
+from capture_cli.select.log_parts import SETTINGS, select_folds
 
 SAMPLES, STEP = 8, 1 / 128  # of a window; s
 
@@ -38,14 +38,16 @@ def judged(episodes: Sequence[tuple[float, int]]) -> set[tuple[float, int]]:
     return {(episodes[e][0], int(n)) for e, n in zip(windows.episode[choose], number[choose], strict=True)}
 
 
-@pytest.mark.parametrize("count", [2, 5, ENOUGH_WINDOWS, 40])
+@pytest.mark.parametrize("count", [2, 5, SETTINGS.enough_windows, 40])
 def test_folds_judge_only_what_was_not_fitted(count):
     is_test = np.arange(count) == count - 1
     found = select_folds(windows_of([(1.0, count)]), is_test)
     for fitted, judging in found.folds:
         assert not (fitted & judging).any()
         assert not (is_test & (fitted | judging)).any()
-    assert len(found.folds) == (1 if count - 1 >= ENOUGH_WINDOWS else min(3, count - 1) * (count > 2))
+    assert len(found.folds) == (
+        1 if count - 1 >= SETTINGS.enough_windows else min(3, count - 1) * (count > 2)
+    )
 
 
 def test_few_windows_are_all_judged_once():
@@ -62,7 +64,7 @@ def test_the_order_of_the_episodes_does_not_matter(data):
 
 def test_each_condition_is_fitted_and_judges():
     """Three gains in each of three motions, in this order: every third episode would be of one gain."""
-    episodes = [(motion * gain, 4 * BLOCK) for motion in (1, 10, 100) for gain in (1.0, 1.1, 1.2)]
+    episodes = [(motion * gain, 4 * SETTINGS.block) for motion in (1, 10, 100) for gain in (1.0, 1.1, 1.2)]
     found = judged(episodes)
     for size, windows in episodes:
         assert 0 < sum(own == size for own, _ in found) < windows
@@ -78,16 +80,9 @@ def test_short_episodes_take_turns():
 def test_of_a_long_log_a_few_windows_of_each_recording_are_fitted(windows):
     long = windows_of([(1.5**k, windows) for k in range(9)])
     folds = select_folds(long, np.zeros(len(long), dtype=bool))
-    few = folds.few()
-    [(fit, judging)], [(_, judged)] = few.folds, folds.folds
-    assert (few.fit == fit).all() and (judging == judged).all() and (few.balance == folds.fit).all()
-    assert not (few.fit & ~folds.fit).any()
-    assert few.fit.sum() == min(SETTINGS.fitted, folds.fit.sum())
-    of_each = np.bincount(long.episode[few.fit], minlength=9)
-    fitted = np.bincount(long.episode[folds.fit], minlength=9) > 0
-    assert (of_each[fitted] > 0).all()
-
-
-def test_few_windows_stay_as_they_are():
-    folds = select_folds(windows_of([(1.0, 7)]), np.zeros(7, dtype=bool))
-    assert folds.few() is folds
+    [(fit, judging)] = folds.folds
+    assert (fit == folds.fit).all() and (judging == ~folds.balance).all()
+    assert not (fit & judging).any()
+    assert fit.sum() == min(SETTINGS.fitted, folds.balance.sum())
+    of_each, fitted = (np.bincount(long.episode[some], minlength=9) for some in (folds.balance, fit))
+    assert (fitted[of_each > 0] > 0).all()

@@ -143,7 +143,7 @@ def _controls(prepared: PreparedLog) -> dict[int, np.ndarray]:
 def _recordings(prepared: PreparedLog) -> Recordings:
     """The recordings of the log; the reference is one of those that are fitted while effects are selected, too."""
     log, windows, is_test = prepared.log, prepared.windows, prepared.split.is_test
-    fitted = np.isin(prepared.recording, prepared.recording[select_folds(windows, is_test).fit])
+    fitted = np.isin(prepared.recording, prepared.recording[select_folds(windows, is_test).balance])
     samples = np.bincount(prepared.recording, weights=windows.samples * (fitted & ~is_test))
     of_step = np.repeat(log.recording, np.diff(log.episode_ends, prepend=0))
     return Recordings(of_step, clock(log), int(np.argmax(samples)))

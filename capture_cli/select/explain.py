@@ -75,28 +75,24 @@ def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_s
     if found.out_of_time:
         return found
 
-    def otherwise(
-        prepared: PreparedLog, what: str, *, free: bool = False, whole: bool = False
-    ) -> tuple[_Declared, Explanation]:
+    def otherwise(prepared: PreparedLog, what: str, *, free: bool) -> tuple[_Declared, Explanation]:
         """What is found so; as before where its search is stopped, for that before was whole."""
         settings.limit.left_out[:] = known
         with suppress(OutOfTime), settings.limit.keeping(begun.protocol.closing.whole):
-            other = _begin(prepared, nominal, settings, on_step, found.rollouts, free=free, whole=whole)
+            other = _begin(prepared, nominal, settings, on_step, found.rollouts, free=free)
             explained = other.explain()
             if not explained.out_of_time:
                 return other, explained
         return begun, replace(found, left_out=(*found.left_out, what))
 
-    if whole := found.all_leaves_something:
-        begun, found = otherwise(begun.prepared, "a search on all windows", whole=True)
     free = begun.as_acted and found.leaves_something
     if free:
-        begun, found = otherwise(begun.prepared, "a search with free initial states", free=True, whole=whole)
+        begun, found = otherwise(begun.prepared, "a search with free initial states", free=True)
     if found.leaves_something:
         fitted, after = found.parts.fitted, found.after.fit
         noisier = with_outliers(begun.prepared, fitted, after, settings.threads)
         if noisier is not begun.prepared:
-            _, found = otherwise(noisier, "a search with outliers in the noise floor", free=free, whole=whole)
+            _, found = otherwise(noisier, "a search with outliers in the noise floor", free=free)
     return found
 
 
@@ -124,27 +120,23 @@ def _begin(
     rollouts: int,
     *,
     free: bool = False,
-    whole: bool = False,
 ) -> _Declared:
     """Declare the model; on from there where what it leaves shows another noise than the log, anew where contacts
     there need longer differences; until neither is so.
 
-    free: not with the initial states that the actions say. whole: on all windows of a long log. rollouts: how many
-    windows were simulated before.
+    free: not with the initial states that the actions say. rollouts: how many windows were simulated before.
     """
     start, corrections = nominal, None
     while True:
         acted = not free and begins_as_acted(prepared)
-        protocol = _Protocol(
-            as_acted(prepared) if acted else prepared, settings, on_step, rollouts, whole=whole
-        )
+        protocol = _Protocol(as_acted(prepared) if acted else prepared, settings, on_step, rollouts)
         declared = protocol.declare(start, corrections)
         better = _better_prepared(prepared, protocol, declared)
         if better is prepared:
             return _Declared(protocol, declared, prepared, acted)
         start, corrections = nominal, None
         if better.noise is not prepared.noise:
-            start, fitted = declared.point, LogParts.of(better, whole=whole).fitted
+            start, fitted = declared.point, LogParts.of(better).fitted
             corrections = fitted.corrections_from(protocol.parts.fitted, declared.corrections)
         prepared, rollouts = better, protocol.fits.rollouts
 
@@ -187,20 +179,12 @@ class _Closing:
 class _Protocol:
     """The declared model, then effects, on one prepared log. `fits.rollouts` goes on from `rollouts`."""
 
-    def __init__(
-        self,
-        prepared: PreparedLog,
-        settings: Settings,
-        on_step: OnStep,
-        rollouts: int = 0,
-        *,
-        whole: bool = False,
-    ):
+    def __init__(self, prepared: PreparedLog, settings: Settings, on_step: OnStep, rollouts: int = 0):
         self.prepared = prepared
         self.settings = settings
         self.limit, self.closing = settings.limit, _Closing()
         self.on_step = on_step
-        self.parts = LogParts.of(prepared, whole=whole)
+        self.parts = LogParts.of(prepared)
         fitted = np.flatnonzero(self.parts.folds.balance)
         self.balanced = balanced_point(prepared, fitted, prepared.task.space.nominal, settings.threads)
         self.fits = ModelFits(

@@ -111,12 +111,6 @@ class Explanation:
         return not self.after.lacking.is_near
 
     @property
-    def all_leaves_something(self) -> bool:
-        """Whether of a long log the few windows that were searched are explained, and all of them are not."""
-        last = self.after
-        return self.parts.is_few and not lack_of_fit(last.fit.at).lacking and not last.lacking.is_near
-
-    @property
     def stamps(self) -> TimeStampJitter | None:
         """What the last model leaves says of the log's time stamps."""
         number, last = self.parts.number, self.after

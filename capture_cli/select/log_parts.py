@@ -12,13 +12,12 @@ from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.windows import Windows
 
-SELECT_SHARE = 3  # one window in three
-ENOUGH_WINDOWS = 12  # to part with a third of them; fewer are cross-validated
-BLOCK = 3  # windows in a row
-
 
 @frozen
 class SETTINGS:
+    judging: int = 3  # one block in so many judges
+    block: int = 3  # windows in a row
+    enough_windows: int = 12  # to part with some of them; fewer are cross-validated
     # Of a long log the search fits so many windows, evenly spread. A fit takes as long as the log is, and what doubles
     # the noise floor shows in these (benchmarks.planted). The model that is found is fitted to all.
     fitted: int = 36
@@ -29,25 +28,18 @@ FIT, SELECT, TEST = 0, 1, 2
 
 @dataclass(frozen=True)
 class LogParts:
-    """number (window,): the part of each window, FIT, SELECT or TEST. folds: how windows of the first two judge
-    models: all of them, or of a long log a few. is_few: whether it is a few.
-    """
+    """number (window,): the part of each window, FIT, SELECT or TEST. folds: how the first two judge models."""
 
     prepared: PreparedLog
     folds: Folds
     number: np.ndarray
-    is_few: bool
 
     @classmethod
-    def of(cls, prepared: PreparedLog, *, whole: bool = False) -> LogParts:
-        """What is held out stays so; the others are fitted, or choose where there are enough of them. whole: whether
-        all of a long log is searched.
-        """
+    def of(cls, prepared: PreparedLog) -> LogParts:
+        """What is held out stays so; the others are fitted, or choose where there are enough of them."""
         is_test = prepared.split.is_test
         folds = select_folds(prepared.windows, is_test)
-        number = np.where(is_test, TEST, np.where(folds.fit, FIT, SELECT))
-        searched = folds if whole else folds.few()
-        return cls(prepared, searched, number, is_few=bool((searched.fit != folds.fit).any()))
+        return cls(prepared, folds, np.where(is_test, TEST, np.where(folds.balance, FIT, SELECT)))
 
     def windows(self, *parts: int) -> PreparedLog | None:
         """The windows of these parts alone; None where there is none."""
@@ -65,20 +57,12 @@ class Folds:
     """How effects are selected: `fit` (window,) is fitted; each of `folds` is (fitted, judged), (window,) both.
 
     With enough windows there is one fold, and what it judges is never fitted. With few, every window is judged by
-    fits that did not see it. balance (window,): what the force balance is of, all that may be fitted.
+    fits that did not see it. balance (window,): of what the force balance is; of a long log a few of these are fitted.
     """
 
     fit: np.ndarray
     folds: tuple[tuple[np.ndarray, np.ndarray], ...]
     balance: np.ndarray
-
-    def few(self) -> Folds:
-        """With as many fitted windows as a search needs."""
-        if len(self.folds) != 1:
-            return self
-        [(fit, judging)] = self.folds
-        fit = _thinned(fit, SETTINGS.fitted)
-        return Folds(fit, ((fit, judging),), self.balance)
 
     @property
     def seen(self) -> np.ndarray:
@@ -96,14 +80,15 @@ def select_folds(windows: Windows, is_test: np.ndarray) -> Folds:
     rest = np.flatnonzero(~is_test)
     order, turn = _turns(windows.rows(rest))
     judged = np.zeros(len(windows), dtype=bool)
-    if len(rest) >= ENOUGH_WINDOWS:
-        judged[rest[turn % SELECT_SHARE == 1]] = True
-        fit = ~is_test & ~judged
-        return Folds(fit, ((fit, judged),), fit)
+    if len(rest) >= SETTINGS.enough_windows:
+        judged[rest[turn % SETTINGS.judging == 1]] = True
+        others = ~is_test & ~judged
+        fit = _thinned(others, SETTINGS.fitted)
+        return Folds(fit, ((fit, judged),), others)
     folds = []
-    for number in range(min(SELECT_SHARE, len(rest)) if len(rest) > 1 else 0):
+    for number in range(min(SETTINGS.judging, len(rest)) if len(rest) > 1 else 0):
         judged = np.zeros(len(windows), dtype=bool)
-        judged[rest[order[number::SELECT_SHARE]]] = True
+        judged[rest[order[number :: SETTINGS.judging]]] = True
         folds.append((~is_test & ~judged, judged))
     return Folds(~is_test, tuple(folds), ~is_test)
 
@@ -123,7 +108,7 @@ def _turns(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
     rank = np.argsort(np.argsort(moved, kind="stable"), kind="stable")[episode]
     order = np.lexsort((np.arange(len(rank)), rank))
     first = np.searchsorted(episode, episode)  # the windows of an episode are in a row
-    return order, rank + (np.arange(len(rank)) - first) // BLOCK
+    return order, rank + (np.arange(len(rank)) - first) // SETTINGS.block
 
 
 def _motion(windows: Windows) -> np.ndarray:
