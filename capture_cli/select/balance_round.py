@@ -59,7 +59,6 @@ class BalanceRound:
         self.ranked = by_score(candidates)
         values = [current.point[current.columns(e.name)] for e in current.effects]
         self._before, self._best = models.judge(current), None
-        self._unites = False  # whether sets are of effects that hold alone, too
         self._others: list[BalancedModel] = []
         # beside what was found already one is looked for at a time
         sizes = 1 if current.effects else most
@@ -133,15 +132,18 @@ class BalanceRound:
         """`found`, and larger sets of it where it leaves something."""
         if not found or self._explained(found):
             return found
-        self._unites = True
-        return [*found, *self._fit(self._unions(found), least([s.fit for s in found]))]
+        return [*found, *self._fit(self._unions(found), least([s.fit for s in found]), of_held=True)]
 
     def _explained(self, found: Sequence[FittedSet]) -> bool:
         return any(self.models.is_explained(s.fit) for s in found)
 
-    def _fit(self, models: Sequence[BalancedModel], smaller: Fit) -> list[FittedSet]:
+    def _fit(
+        self, models: Sequence[BalancedModel], smaller: Fit, *, of_held: bool = False
+    ) -> list[FittedSet]:
         """Those that hold. Fits with hidden states take long: they come last, and are stopped early where they stay far
         behind.
+
+        of_held: whether they are sets of effects that hold alone.
         """
         found = []
         for number, model in enumerate(sorted(models, key=_hidden_states)):
@@ -149,13 +151,13 @@ class BalanceRound:
             if _hidden_states(model) and self._explained(simpler):
                 break  # with more parameters it could but do as well
             self.on_step("refit", number, len(models))
-            found += self._fitted(model, smaller)
+            found += self._fitted(model, smaller, of_held)
         if self._explained(found):
-            found = self._again_from(least([s.fit for s in found]), found, models)
+            found = self._again_from(least([s.fit for s in found]), found, models, of_held)
         return found
 
     def _again_from(
-        self, best: Fit, found: list[FittedSet], models: Sequence[BalancedModel]
+        self, best: Fit, found: list[FittedSet], models: Sequence[BalancedModel], of_held: bool
     ) -> list[FittedSet]:
         """`found`, and those of the models that left something, but do not from where the `best` declared one is."""
         declared = best.point[: len(self.models.fits.prepared.task.space)]
@@ -165,7 +167,7 @@ class BalanceRound:
                 continue
             start = np.concatenate([declared, *model.values])
             if self.models.explained_from(start, model.effects, best) is not None:
-                found = [s for s in found if s is not known] + self._fitted(model, self.current)
+                found = [s for s in found if s is not known] + self._fitted(model, self.current, of_held)
         return found
 
     def _unions(self, found: Sequence[FittedSet]) -> list[BalancedModel]:
@@ -184,7 +186,7 @@ class BalanceRound:
             unions.append(BalancedModel(effects, best.fit.point[:declared], tuple(values)))
         return unions
 
-    def _fitted(self, model: BalancedModel, smaller: Fit) -> list[FittedSet]:
+    def _fitted(self, model: BalancedModel, smaller: Fit, of_held: bool) -> list[FittedSet]:
         """The model fitted by simulation, if it holds on what judges and explains materially more than `smaller`.
 
         Laws that each hold alone have to leave nothing together: they may stand in for one that the balance of the
@@ -192,7 +194,7 @@ class BalanceRound:
         """
         added = model.effects[len(self.current.effects) :]
         needed = min(needed_error(smaller, REJECTION.material), self.useful_error)
-        rival, to_explain = self._best, self._unites and not _is_one_law(added)
+        rival, to_explain = self._best, of_held and not _is_one_law(added)
         to_reach = lack_of_fit(self.current.at).threshold if to_explain else np.inf
         effort = Effort(rival=rival, to_reach=to_reach, needed=needed, escapes=False)
         fit = self.models.fit(model.effects, model.start, self.current, effort)
