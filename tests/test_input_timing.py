@@ -49,7 +49,7 @@ def test_what_the_task_says_is_not_asked_again():
     [
         ("coulomb-friction@x", 3.0, "plain", False),
         ("coulomb-friction@x", 3.0, "half-rate", True),
-        ("coulomb-friction@x", 10.0, "half-rate", False),  # not sure, and held commands leave nothing either
+        ("coulomb-friction@x", 10.0, "half-rate", True),
         ("direction-dependent-viscous@x", 10.0, "half-rate", True),
     ],
 )

@@ -12,7 +12,6 @@ from capture_cli.estimate.balance.input_timing import SETTINGS, InputTiming, is_
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import ModelFits
-from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.model.tasks.base import Task
 from capture_cli.select.balance_scores import screening_of
@@ -33,9 +32,10 @@ def timings_with_effects(
     threads: int | None,
     on_work: Callable[[], None] = lambda: None,
 ) -> tuple[tuple[InputTiming, ...], Screening | None]:
-    """How the inputs act of which the task does not say it, all alike: by the force balance where that is sure, and by
-    simulations otherwise; with the screening of the candidates in that reading. None where the log gives no balance.
-    They are held where the other reading leaves more than noise: what is missing may look like it.
+    """How the inputs act of which the task does not say it, all alike, with the screening of the candidates in that
+    reading. None where the log gives no balance. They are held where the balance is sure of that, or the other reading
+    leaves more than noise: what is missing may look like it. Else simulations have to bear the other one out: held
+    inputs are like a delay of what changes evenly, so an effect that is late makes up for the reading.
 
     prepared: with the task as it was given; prepared_as: makes the log ready for another. on_work is called before what
     takes long, which it may end by raising.
@@ -49,9 +49,10 @@ def timings_with_effects(
     screenings = [screening, screening.read_as(tasks[1].linear)]
     models = held, evenly = _best(screenings)
     explained = evenly.beyond_noise < SETTINGS.else_missing
-    linear = explained and is_surely_better(held.likelihood, evenly.likelihood)
-    if explained and not linear and not is_surely_better(evenly.likelihood, held.likelihood):
-        linear = _fits_better([(prepared_as(t), m) for t, m in zip(tasks, models, strict=True)], threads)
+    possible = explained and not is_surely_better(evenly.likelihood, held.likelihood)
+    linear = possible and _fits_better(
+        [(prepared_as(t), m) for t, m in zip(tasks, models, strict=True)], threads
+    )
     gains = evenly.likelihood - held.likelihood
     gain, error = sum_and_error(gains if linear else -gains)
     asked = (c.name for c in prepared.task.inputs if c.linear is None)
@@ -61,12 +62,17 @@ def timings_with_effects(
 def _best(screenings: Sequence[Screening]) -> list[BalancedModel]:
     """The best model of each reading with one effect at most; where these do not decide, with two at most: what else
     is missing may look like another reading. Where they leave far more than noise, two will not do either.
+
+    A search stops at one effect where a second is not surely better. So each reading is asked with the effects that the
+    other has, too: of two models the likelihoods would not be of the readings alone.
     """
     models = [own.best() for own in screenings]
     if _decide(*models) or min(m.beyond_noise for m in models) >= SETTINGS.hopeless:
         return models
     largest = [list(grown(own, (), (), 2, settings=NARROW))[-1:] for own in screenings]
-    return [levels[0].best if levels else one for levels, one in zip(largest, models, strict=True)]
+    found = [levels[0].best if levels else one for levels, one in zip(largest, models, strict=True)]
+    others = [own.fitted(model) for own, model in zip(screenings, reversed(found), strict=True)]
+    return [max(both, key=lambda m: m.likelihood.sum()) for both in zip(found, others, strict=True)]
 
 
 def _decide(one: BalancedModel, other: BalancedModel) -> bool:
@@ -84,16 +90,15 @@ def _read(task: Task, linear: bool) -> Task:
 
 
 def _fits_better(readings: Sequence[tuple[PreparedLog, BalancedModel]], threads: int | None) -> bool:
-    """Whether the last of two readings, each with its model fitted by simulations, is clearly better, and the first
-    leaves something: the effect that is in may not be the right one, so a little better is not enough.
+    """Whether the last of two readings, each with its model fitted by simulations, is clearly better: the effect that
+    is in may not be the right one, so a little better is not enough.
     """
     before, after = (_fit(log, model, threads) for log, model in readings)
-    if before is not None and not lack_of_fit(before.at).lacking:
-        return False
     if before is None or after is None:
         return before is None and after is not None
     squares = before.penalised_squares, after.penalised_squares
-    return bic_gain(*squares, effective_samples(after), 0) > COMPARISON.clearly_better
+    more = len(after.point) - len(before.point)
+    return bic_gain(*squares, effective_samples(after), more) > COMPARISON.clearly_better
 
 
 def _fit(prepared: PreparedLog, model: BalancedModel, threads: int | None) -> Fit | None:
