@@ -20,7 +20,7 @@ from capture_cli.select import balance_round, model_comparison
 from capture_cli.select import search as attribution
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.forward_round import _settles
-from capture_cli.select.model_comparison import TIED, WORSE, ModelComparison
+from capture_cli.select.model_comparison import BETTER, TIED, WORSE, ModelComparison
 from capture_cli.select.search import Accepted, Attribution
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
@@ -81,6 +81,20 @@ def test_a_difference_that_is_steady_and_next_to_nothing_makes_no_winner(monkeyp
     models.seed = 0
     assert models.compare(mine, other) == said
     assert models.as_good(mine, other) is (said == TIED)
+
+
+@pytest.mark.parametrize(("judged", "said"), [(-17.0, TIED), (-60.0, BETTER), (17.0, WORSE)])
+def test_windows_that_contradict_each_other_make_no_winner(monkeypatch, judged, said):
+    """A bias of a set point and one of a sensor: the fitted windows are for one by 17 of twice the log likelihood."""
+    samples = 8868.0
+    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: samples)
+    blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
+    mine = judged_by_blocks(1, 8140.0, blocks)
+    other = judged_by_blocks(1, 8140.0 * np.exp(17 / samples), blocks * np.exp(judged / samples))
+    other.score = SimpleNamespace(response=np.eye(3)[0])
+    models = ModelComparison.__new__(ModelComparison)
+    models.seed = 0
+    assert models.compare(mine, other) == said
 
 
 @pytest.mark.parametrize(("less", "as_good"), [(6e-4, True), (5e-3, False)])

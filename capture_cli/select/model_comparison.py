@@ -422,8 +422,12 @@ class ModelComparison:
         if more > 0 and gain < SETTINGS.clearly_better:
             is_same = similarity(mine.score.response, other.score.response) > SETTINGS.same_here
             return TIED if is_same and self._indistinct(mine, other) else NOT_WORTH_IT
-        if abs(gain) > SETTINGS.strong and not self._indistinct(mine, other):
-            return WORSE if self._behind(mine, other) >= 0 else BETTER
+        if not self._indistinct(mine, other):
+            # where fitted and judging windows contradict each other it is the whole that counts
+            whole = gain - self._behind(mine, other)
+            if min(abs(gain), abs(whole)) <= SETTINGS.strong:
+                return TIED
+            return WORSE if whole < 0 else BETTER
         if abs(gain) > SETTINGS.clearly_better + _chance(mine, other):
             return WORSE if gain < 0 else BETTER
         return TIED
