@@ -10,9 +10,15 @@ import pytest
 from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.split import NewSplit
+from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select import input_readings
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.input_readings import timings_with_effects
+from capture_cli.select.time_limit import TimeLimit
+from capture_cli.stages.diagnose import _prepared
+from capture_cli.stages.log_to_fit import LogToFit
+from capture_cli.store.provenance import Provenance
 
 # what a search among a few has to find
 ASKED = (
@@ -91,3 +97,14 @@ def test_a_log_without_a_balance_tells_nothing_and_its_inputs_are_held():
     task, log, _ = Case(NOTHING, "puck", (), 1.0, 5, episodes=6).build()
     prepared = prepare(log, task, **QUIET)
     assert prepared.input_timings == () and not prepared.task.linear.any()
+
+
+def test_where_the_declared_model_explains_the_log_by_inputs_that_change_evenly_effects_are_asked(tmp_path):
+    """A supply that sags takes from a force what a later one would: in the balance that is less than noise."""
+    seed = 669718904
+    task, log, _ = Case(PLANTED, "slider", ("control-supply-sag",), 3.0, seed).build()
+    assert prepare(log, task, split=NewSplit(seed=seed), **QUIET).task.linear.all()
+    options = DiagnoseOptions(real_log=tmp_path / "log.zarr", out=tmp_path / "out", threads=1, seed=seed)
+    found = _prepared(LogToFit(log, task, options, Provenance("diagnose", {}, {})), None, TimeLimit())
+    assert not found.task.linear.any()
+    assert [t.linear for t in found.input_timings] == [False]

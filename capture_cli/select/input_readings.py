@@ -32,10 +32,10 @@ def timings_with_effects(
     threads: int | None,
     on_work: Callable[[], None] = lambda: None,
 ) -> tuple[tuple[InputTiming, ...], Screening | None]:
-    """How the inputs act of which the task does not say it, all alike, with the screening of the candidates in that
-    reading. None where the log gives no balance. They are held where the balance is sure of that, or the other reading
-    leaves more than noise: what is missing may look like it. Else simulations have to bear the other one out: held
-    inputs are like a delay of what changes evenly, so an effect that is late makes up for the reading.
+    """How the inputs act of which the task does not say it, all alike: by the force balance where that is sure, and by
+    simulations otherwise; with the screening of the candidates in that reading. None where the log gives no balance.
+    They are held where the other reading leaves more than noise: what is missing may look like it. Of two effects one
+    may make up for the reading: held inputs are like a delay of what changes evenly. Then simulations decide, too.
 
     prepared: with the task as it was given; prepared_as: makes the log ready for another. on_work is called before what
     takes long, which it may end by raising.
@@ -50,8 +50,10 @@ def timings_with_effects(
     models = held, evenly = _best(screenings)
     explained = evenly.beyond_noise < SETTINGS.else_missing
     possible = explained and not is_surely_better(evenly.likelihood, held.likelihood)
-    linear = possible and _fits_better(
-        [(prepared_as(t), m) for t, m in zip(tasks, models, strict=True)], threads
+    is_simple = max(len(m.effects) for m in models) < 2
+    is_told = is_simple and is_surely_better(held.likelihood, evenly.likelihood)
+    linear = possible and (
+        is_told or _fits_better([(prepared_as(t), m) for t, m in zip(tasks, models, strict=True)], threads)
     )
     gains = evenly.likelihood - held.likelihood
     gain, error = sum_and_error(gains if linear else -gains)

@@ -82,9 +82,13 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
 
 
 def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit) -> PreparedLog:
-    """The log made ready; where something is missing, how inputs act is told by the best effect with each reading."""
+    """The log made ready; where something is missing, how inputs act is told by the best effect with each reading.
+
+    So it is, too, where the declared model alone is for inputs that change evenly: what is missing may look like that.
+    """
     prepared, task = to_fit.prepared(held_out), to_fit.task
-    if prepared.input_timings or all(c.linear is not None for c in task.inputs):
+    are_held = prepared.input_timings and not prepared.task.linear.any()
+    if are_held or all(c.linear is not None for c in task.inputs):
         return prepared
     unread, candidates = replace(prepared, task=task), all_candidates(prepared)
     again, threads = partial(to_fit.prepared, held_out), to_fit.options.threads
@@ -96,8 +100,11 @@ def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit)
     if found is None:
         return prepared
     timings, screening = found
-    if any(t.linear for t in timings):
-        prepared = to_fit.prepared(held_out, with_timings(task, timings))
+    if not timings:
+        return prepared
+    read = with_timings(task, timings)
+    if (read.linear != prepared.task.linear).any():
+        prepared = to_fit.prepared(held_out, read)
     return replace(prepared, input_timings=timings, screening=screening)
 
 
