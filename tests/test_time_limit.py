@@ -170,19 +170,30 @@ class Found:
     """What there is of an Explanation to tell whether to search again."""
 
     name: str
+    left: float
     out_of_time: bool = False
-    leaves_something: bool = True
     left_out: tuple[str, ...] = ()
     rollouts: int = 0
 
+    @property
+    def leaves_something(self) -> bool:
+        return self.left > 1
 
+    @property
+    def after(self) -> SimpleNamespace:
+        return SimpleNamespace(fit=None, lacking=SimpleNamespace(normalized=self.left))
+
+
+@pytest.mark.parametrize("left", [1.0, 4.0, 6.0])
 @pytest.mark.parametrize("stopped", ["in the search", "before it", "not at all"])
-def test_where_another_search_is_stopped_what_was_found_before_stands(monkeypatch, stopped):
+def test_where_another_search_is_stopped_or_finds_less_what_was_found_before_stands(
+    monkeypatch, stopped, left
+):
     def begin(*_, free=False):
         if free and stopped == "before it":
             raise OutOfTime
-        other = Found("free", stopped == "in the search", leaves_something=False)
-        found = other if free else Found("as acted", left_out=("minima",))
+        other = Found("free", left, stopped == "in the search", rollouts=9)
+        found = other if free else Found("as acted", 5.0, left_out=("minima",), rollouts=4)
         protocol = SimpleNamespace(closing=SimpleNamespace(whole=1.0))
         return SimpleNamespace(explain=lambda: found, as_acted=not free, prepared=prepared, protocol=protocol)
 
@@ -191,10 +202,11 @@ def test_where_another_search_is_stopped_what_was_found_before_stands(monkeypatc
     monkeypatch.setattr(explaining, "check_parameters_move_outputs", lambda *_, **__: 0)
     monkeypatch.setattr(explaining, "with_noise_of_repeats", lambda prepared, *_, **__: (prepared, 0))
     monkeypatch.setattr(explaining, "with_outliers", lambda prepared, *_: prepared)
-    monkeypatch.setattr(Found, "parts", SimpleNamespace(windows=lambda _: None), raising=False)
-    monkeypatch.setattr(Found, "after", SimpleNamespace(fit=None), raising=False)
+    monkeypatch.setattr(Found, "parts", SimpleNamespace(fitted=None), raising=False)
     found = explaining.explain(prepared, None, Settings(), lambda *_: None)
-    if stopped == "not at all":
+    if stopped != "not at all":
+        assert found.name == "as acted" and found.left_out == ("minima", "a search with free initial states")
+    elif left < 5.0:
         assert found.name == "free" and not found.left_out
     else:
-        assert found.name == "as acted" and found.left_out == ("minima", "a search with free initial states")
+        assert found.name == "as acted" and found.left_out == ("minima",) and found.rollouts == 9

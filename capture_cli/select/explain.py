@@ -62,9 +62,9 @@ class Settings:
 def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_step: OnStep) -> Explanation:
     """What explains the log, from the values `nominal` (parameter,) of its task. Raises FitError.
 
-    With the initial states that the actions say, where that explains what was fitted; else with free initial states.
-    Where contacts follow, free initial states are worse: they make the error rough, and hide what moves them. With a
-    noise floor that has the outliers in it, where that is what the last model leaves.
+    With the initial states that the actions say, where that explains what was fitted; else with free initial states, if
+    less is left so. Where contacts follow, free initial states are worse: they make the error rough, and hide what
+    moves them. With a noise floor that has the outliers in it, where that is what the last model leaves.
     """
     rollouts = prepared.rollouts
     rollouts += check_parameters_move_outputs(prepared, seed=settings.seed, threads=settings.threads)
@@ -85,14 +85,17 @@ def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_s
                 return other, explained
         return begun, replace(found, left_out=(*found.left_out, what))
 
-    free = begun.as_acted and found.leaves_something
-    if free:
-        begun, found = otherwise(begun.prepared, "a search with free initial states", free=True)
+    if begun.as_acted and found.leaves_something:
+        freed = otherwise(begun.prepared, "a search with free initial states", free=True)
+        found = replace(found, rollouts=freed[1].rollouts)
+        begun, found = min(freed, (begun, found), key=lambda each: each[1].after.lacking.normalized)
     if found.leaves_something:
         fitted, after = found.parts.fitted, found.after.fit
         noisier = with_outliers(begun.prepared, fitted, after, settings.threads)
         if noisier is not begun.prepared:
-            _, found = otherwise(noisier, "a search with outliers in the noise floor", free=free)
+            _, found = otherwise(
+                noisier, "a search with outliers in the noise floor", free=not begun.as_acted
+            )
     return found
 
 

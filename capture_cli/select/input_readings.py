@@ -37,8 +37,9 @@ def timings_with_effects(
     They are held where the other reading leaves more than noise: what is missing may look like it. Of two effects one
     may make up for the reading: held inputs are like a delay of what changes evenly. Then simulations decide, too.
 
-    prepared: with the task as it was given; prepared_as: makes the log ready for another. on_work is called before what
-    takes long, which it may end by raising.
+    prepared: with the task as it was given, and what the declared model alone says of its inputs; where that explains
+    the log with inputs that change evenly, one effect with held ones has to be surely better. prepared_as: makes the
+    log ready for another task. on_work is called before what takes long, which it may end by raising.
     """
     tasks = [_read(prepared.task, linear) for linear in (False, True)]
     log = replace(prepared, task=tasks[0])
@@ -47,14 +48,14 @@ def timings_with_effects(
         return (), None
     screening.on_work = on_work
     screenings = [screening, screening.read_as(tasks[1].linear)]
-    models = held, evenly = _best(screenings)
-    explained = evenly.beyond_noise < SETTINGS.else_missing
-    possible = explained and not is_surely_better(evenly.likelihood, held.likelihood)
-    is_simple = max(len(m.effects) for m in models) < 2
-    is_told = is_simple and is_surely_better(held.likelihood, evenly.likelihood)
-    linear = possible and (
-        is_told or _fits_better([(prepared_as(t), m) for t, m in zip(tasks, models, strict=True)], threads)
-    )
+    told = any(t.linear for t in prepared.input_timings)
+    models = held, evenly = [own.best() for own in screenings] if told else _best(screenings)
+    linear = not is_surely_better(evenly.likelihood, held.likelihood)
+    if linear and not told:
+        linear = evenly.beyond_noise < SETTINGS.else_missing and (
+            _is_simply_better(held, evenly)
+            or _fits_better([(prepared_as(t), m) for t, m in zip(tasks, models, strict=True)], threads)
+        )
     gains = evenly.likelihood - held.likelihood
     gain, error = sum_and_error(gains if linear else -gains)
     asked = (c.name for c in prepared.task.inputs if c.linear is None)
@@ -75,6 +76,12 @@ def _best(screenings: Sequence[Screening]) -> list[BalancedModel]:
     found = [levels[0].best if levels else one for levels, one in zip(largest, models, strict=True)]
     others = [own.fitted(model) for own, model in zip(screenings, reversed(found), strict=True)]
     return [max(both, key=lambda m: m.likelihood.sum()) for both in zip(found, others, strict=True)]
+
+
+def _is_simply_better(held: BalancedModel, evenly: BalancedModel) -> bool:
+    """Whether the second reading is surely better without two effects, of which one may make up for the first."""
+    simple = max(len(m.effects) for m in (held, evenly)) < 2
+    return simple and is_surely_better(held.likelihood, evenly.likelihood)
 
 
 def _decide(one: BalancedModel, other: BalancedModel) -> bool:

@@ -87,8 +87,8 @@ def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit)
     So it is, too, where the declared model alone is for inputs that change evenly: what is missing may look like that.
     """
     prepared, task = to_fit.prepared(held_out), to_fit.task
-    are_held = prepared.input_timings and not prepared.task.linear.any()
-    if are_held or all(c.linear is not None for c in task.inputs):
+    told = prepared.input_timings
+    if (told and not all(t.linear for t in told)) or all(c.linear is not None for c in task.inputs):
         return prepared
     unread, candidates = replace(prepared, task=task), all_candidates(prepared)
     again, threads = partial(to_fit.prepared, held_out), to_fit.options.threads
