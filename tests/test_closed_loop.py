@@ -75,7 +75,9 @@ def test_the_robot_plays_the_machines_of_the_large_sizes(tmp_path, size):
     lines = [line.split()[1:] for line in done.stdout.splitlines() if line.startswith("capture")]
     commands = typer.main.get_command(app).commands
     for name, *options in lines:
-        known = {option for parameter in commands[name].params for option in parameter.opts}
+        known = {
+            o for parameter in commands[name].params for o in (*parameter.opts, *parameter.secondary_opts)
+        }
         assert {option for option in options if option.startswith("--")} <= known
     assert [name for name, *options in lines if "UR5e" in options] == ["record", *["eval-sim2sim"] * 2]
     mended = [name for name, *options in lines if "--estimate diagnosis" in " ".join(options)]
