@@ -212,8 +212,8 @@ class ModelComparison:
 
     @staticmethod
     def may_escape(fit: Fit, rival: Fit | None, useful_error: float) -> bool:
-        """The escape takes longer than the fit, and is for what holds without it, not far above `useful_error`, and is
-        not behind its rival.
+        """Whether an escape is worth its time, which is longer than that of the fit: for what is not far above
+        `useful_error`, and not behind its rival.
         """
         behind = rival is not None and fit.error > rival.error
         near = fit.error <= LEAST_SQUARES.hopeless * useful_error
@@ -423,7 +423,7 @@ class ModelComparison:
             is_same = similarity(mine.score.response, other.score.response) > SETTINGS.same_here
             return TIED if is_same and self._indistinct(mine, other) else NOT_WORTH_IT
         if not self._indistinct(mine, other):
-            # where fitted and judging windows contradict each other it is the whole that counts
+            # where fitted and judging windows disagree, the sum of both decides
             whole = gain - self._behind(mine, other)
             if min(abs(gain), abs(whole)) <= SETTINGS.strong:
                 return TIED

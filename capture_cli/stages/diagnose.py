@@ -84,7 +84,8 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
 def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit) -> PreparedLog:
     """The log made ready; where something is missing, how inputs act is told by the best effect with each reading.
 
-    So it is, too, where the declared model alone is for inputs that change evenly: what is missing may look like that.
+    Where the declared model alone says that they change evenly, it is asked again with an effect in: a missing effect
+    may look like that.
     """
     prepared, task = to_fit.prepared(held_out), to_fit.task
     told = prepared.input_timings
