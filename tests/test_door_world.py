@@ -77,3 +77,20 @@ def test_the_arm_pushes_late_and_as_far(robot):
     np.testing.assert_allclose(played.outputs[0], [0, -0.075, ACTION[0]], atol=1e-9)
     np.testing.assert_allclose(played.outputs[-1, 1:], [0.045, ACTION[0]], atol=0.01)  # it arrives
     assert 0.2 < played.outputs[-1, 0] < 1.2
+
+
+def test_the_finger_gives_way_to_the_panel_as_little_as_the_arm():
+    draw = np.random.default_rng(5)
+    doors, actions = (space.from_unit(draw.random((6, len(space)))) for space in (PLANT.space, PLANT.actions))
+    world = World(PLANT)
+    arms = [world.play(*both)[0] for both in zip(doors, actions[:, None], strict=True)]
+    fields = ModelFields(PLANT.model, len(doors))
+    PLANT.write(fields, doors)
+    steps = PLANT.timestep * np.arange(PLANT.grid_steps)
+    controls = np.zeros((len(doors), len(steps), 2))
+    for control, arm in zip(controls, arms, strict=True):  # servos that are told how the arm moves
+        control[:, 0] = np.interp(steps, arm.time, np.gradient(arm.outputs[:, 1], arm.time))
+    initial = PLANT.episodes(actions).initial
+    plant = Engine(PLANT.model).rollout(initial=initial, controls=controls, fields=fields)
+    angles = np.array([arm.outputs[-1, 0] for arm in arms])
+    assert np.sqrt(np.mean((plant.sensors[:, -1, 0] - angles) ** 2)) < 0.1  # rad; of servos of 100 N s/m 0.4
