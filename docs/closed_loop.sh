@@ -6,7 +6,7 @@
 #   tiny: object scooping, whose arm goes 8 mm to the side of where it is told. A label says where to scoop whatever the
 #         arm does: the declared estimate is off by these 8 mm, and succeeds as often; the mended one is right
 #   full: table air hockey, played by a robot of robosuite, a Panda, that is late (docs/worlds.md). An hour of a core
-#   door: the same with a door that the robot pushes ajar, and one effect at most. 35 minutes of a core at most
+#   door: the same with a door that the robot pushes ajar, and one effect at most. A quarter of an hour of a core
 # What is in FOLDER is not made again, and what was cut off goes on. declared/policy and declared/identifier may be copies
 # of runs/policies and runs/sysid.
 set -euo pipefail
@@ -47,7 +47,7 @@ door)
   identifier=(--identifier capture-refined --width 32 --layers 2 --heads 2 --steps 600 --batch 64)
   diagnosis=(--most-effects 1 --no-expression)
   judged=
-  evaluation=(--pairs 20 --seeds 1 --rounds 5)
+  evaluation=(--pairs 40 --seeds 1 --rounds 7)
   ;;
 *)
   echo "$size: tiny, full or door" >&2
