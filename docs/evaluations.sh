@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # The commands behind docs/dev/evaluation.md: runs/evaluation, made again. Run those that you need.
+# runs/sysid/air-hockey/capture, noisy, distance and ablations were trained on an H200 (--device cuda): others give other bytes.
 set -eu
 
-# Air hockey: the main table, then fits and noise on the same pairs.
+# Air hockey: the main table, then the paper's network, noise and fits on the same pairs.
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --pairs 8192 --seed 1 --out randomized-binary.zarr
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search scattered --pairs 1536 --seed 2 --out scattered.zarr
 capture train-sysid --histories randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 5000 --batch 128 --out runs/sysid/air-hockey/capture-trajectory
@@ -10,6 +11,8 @@ capture train-sysid --histories randomized-binary.zarr --identifier expert-disti
 capture train-sysid --histories randomized-binary.zarr --identifier tunenet --width 64 --steps 3000 --batch 128 --out runs/sysid/air-hockey/tunenet
 capture train-sysid --histories scattered.zarr --identifier capture-refined --width 64 --steps 1200 --batch 128 --out runs/sysid/air-hockey/capture-refined
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture-trajectory --identifier posterior=runs/sysid/air-hockey/capture-refined --identifier runs/sysid/air-hockey/capture-refined --rounds 20 --out runs/evaluation/air-hockey
+capture train-sysid --histories randomized-binary.zarr --identifier capture --out runs/sysid/air-hockey/capture
+capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier runs/sysid/air-hockey/capture --identifier runs/sysid/air-hockey/capture-trajectory --rounds 20 --out runs/evaluation/air-hockey-paper
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture-trajectory --identifier runs/sysid/air-hockey/capture-refined --pairs 40 --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-noise
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier least-squares --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 5 --out runs/evaluation/air-hockey-fits
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier compass --identifier runs/sysid/air-hockey/capture-refined --identifier cma-es --pairs 12 --seeds 1 --rounds 5 --out runs/evaluation/air-hockey-budget
@@ -31,7 +34,7 @@ rows() { # TASK NAMES
   echo --identifier "posterior=equal/$1/capture-refined" --identifier "equal/$1/capture-refined"
 }
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey $(rows air-hockey capture-trajectory) --pairs 30 --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal
-capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier equal/air-hockey/capture --identifier equal/air-hockey/capture-trajectory --pairs 30 --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-paper
+capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier equal/air-hockey/capture --identifier equal/air-hockey/capture-trajectory --pairs 30 --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal-paper
 capture eval-sim2sim --task scooping --policy runs/policies/scooping $(rows scooping capture capture-trajectory) --seeds 1 --rounds 10 --out runs/evaluation/scooping-equal
 
 # k and L, each from 1536 histories; their checkpoints are not shipped.

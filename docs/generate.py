@@ -703,23 +703,27 @@ def kept_files(folder: Path) -> list[Path]:
 
 def measured() -> str:
     """Every figure in runs/benchmarks, and runs/fuzz.json, by benchmark."""
-    lines = []
-    for name, document in _results().items():
-        made, machine = document["provenance"], document["machine"]
-        day = datetime.fromisoformat(made["began"]).strftime("%-d %B %Y")
-        lines += [f"### {name}", "", "```sh", _measured_by(name, document), "```", ""]
+    results = _results()
+    lines = [" or ".join(sorted({_made_with(document) for document in results.values()})) + ":", ""]
+    for name, document in results.items():
+        day = datetime.fromisoformat(document["provenance"]["began"]).strftime("%-d %B %Y")
+        load = document["machine"]["load_before"]
+        lines += [f"### `{_measured_by(name, document)}` ({day}, load {load:.1f} before)", ""]
         lines += ["| figure | measured | target |", "|---|---|---|"]
         for figure in document["figures"]:
             met = {None: "", True: "", False: " **(not met)**"}[figure["met"]]
             indent = "- " * figure["name"].startswith(" ")
             lines.append(f"| {indent}{figure['name'].strip()} | {_number(figure)} | {_aim(figure)}{met} |")
-        lines += [
-            "",
-            f"{day}; capture {made['capture']}, MuJoCo {made['packages']['mujoco']}, Python {made['python']}; "
-            f"{machine['cpus']} cores, load {machine['load_before']:.1f} before it began.",
-            "",
-        ]
+        lines.append("")
     return "\n".join(lines).rstrip()
+
+
+def _made_with(document: dict) -> str:
+    made = document["provenance"]
+    return (
+        f"capture {made['capture']}, MuJoCo {made['packages']['mujoco']}, Python {made['python']}, "
+        f"{document['machine']['cpus']} cores"
+    )
 
 
 def _measured_by(name: str, document: dict) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,11 @@ RUNS = Path(__file__).resolve().parents[1] / "runs" / "evaluation"
 HALVES = RUNS.parent / "closed-loop" / "halves.json"
 LOOP = {"before": RUNS.parent / "closed-loop" / "declared", "after": RUNS.parent / "closed-loop" / "mended"}
 ROUNDS = (1, 3, 5, 10, 30)
-RATIO_ROUNDS = (10, 20, 30)
 WORLD_ROUNDS = (1, 3, 5, 7, 9)  # the paper's, on real robots
+BESIDE = (1, 5, 9)  # of them, where robots are side by side
 OURS = "capture-refined"
 YARDSTICK = "domain-randomization"
-PAIRED = 10  # rounds at most that pairs are compared after
+AT = 10  # rounds at most after which ratios and coverage are shown and pairs are compared
 DOUBTFUL = 1e-3  # p of a sign test
 NONE = ""  # of a cell
 
@@ -66,13 +66,16 @@ class Measured:
         noise = "" if d["noise"] == "none" else f", noise {d['noise']}"
         trained = {e["pairs_trained"] for e in self.rows.values() if e.get("pairs_trained")}
         histories = f", trained on {_either(sorted(trained))} histories" if trained else ""
-        by = f"code {code[:12]}" if code else "the code was not noted"
+        by = f"code {code[:8]}" if code else "the code was not noted"
         return f"`{self.folder}`: {d['pairs']} pairs{seeds}, {d['rounds']} rounds{noise}{histories}; {by}."
 
 
 def air_hockey() -> str:
     """The part of that name."""
-    return "\n\n".join(_section(m, (parameters, ratios, pairs)) for m in _measured("air-hockey"))
+    found = _measured("air-hockey")
+    cells = [m for m in found if "/" in m.folder]
+    sections = [_section(m, (differences, pairs)) for m in found if m not in cells]
+    return "\n\n".join([*sections, *([ablations(cells)] if cells else [])])
 
 
 def scooping() -> str:
@@ -114,24 +117,47 @@ def _section(measured: Measured, tables: Iterable[Callable[[Measured], str]]) ->
 # --- tables ---
 
 
-def parameters(m: Measured) -> str:
-    """Parameter difference, what it cost and what the intervals hold; a random guess is at a third."""
+def differences(m: Measured) -> str:
+    """How far estimates are from the truth, what the intervals hold and what it cost; then the trajectory difference,
+    and that over domain randomisation's, the paper's in brackets.
+    """
     if sum(e["simulated_rollouts"][1] > 1 for e in m.rows.values()) > 1:
         return budgets(m)
-    last, at = m.document["rounds"], min(10, m.document["rounds"])
-    header = ["parameter difference", *map(str, m.rounds)]
-    header += [f"rollouts up to {last}", f"cover at {at}"]
+    last, at, first, *others = m.document["rounds"], min(AT, m.document["rounds"]), *m.rounds
+    compared = any(e["ratio"] for e in m.rows.values())
+    header = [
+        f"parameters at {first}",
+        *map(str, others),
+        f"cover at {at}",
+        "rollouts",
+        f"trajectory at {last}",
+    ]
+    header += [f"ratio at {at}"] * compared
     rows = [
         [
             label,
-            *(_two(e["parameter_difference"]["mean"][n]) for n in m.rounds),
-            f"{e['simulated_rollouts'][last]:.0f}",
+            *(NONE if label == YARDSTICK else _two(e["parameter_difference"]["mean"][n]) for n in m.rounds),
             f"{e['coverage'][at - 1]:.2f}" if e.get("coverage") else NONE,
+            f"{e['simulated_rollouts'][last]:.0f}",
+            f"{e['trajectory_difference'][last]:.3g}",
+            *([f"{_two(e['ratio'][at])}{_of_paper(m, e, at)}" if e["ratio"] else NONE] * compared),
         ]
         for label, e in m.rows.items()
-        if label != YARDSTICK
     ]
-    return _table(header, rows)
+    return _table([NONE, *header], rows)
+
+
+def ablations(cells: list[Measured]) -> str:
+    """The cells of a suite, of one code, side by side: a column for each value of what they vary."""
+    about = replace(cells[0], folder=Path(cells[0].folder).parent.as_posix()).about()
+    rows = {label: e for m in cells for label, e in m.rows.items()}
+    last = cells[0].document["rounds"]
+    lines = [
+        [f"parameters at {AT}", *(_two(e["parameter_difference"]["mean"][AT]) for e in rows.values())],
+        [f"trajectory at {last}", *(f"{e['trajectory_difference'][last]:.3g}" for e in rows.values())],
+    ]
+    varied = [label.partition("(")[2].rstrip(")") for label in rows]
+    return f"{about}\n\n{_table([NONE, *varied], lines)}"
 
 
 def budgets(m: Measured) -> str:
@@ -152,20 +178,6 @@ def budgets(m: Measured) -> str:
     return _table(["parameter difference (rollouts so far)", *map(str, rounds)], rows)
 
 
-def ratios(m: Measured) -> str:
-    """Trajectory difference over that of domain randomisation, the paper's in brackets."""
-    shown = [n for n in RATIO_ROUNDS if n <= m.document["rounds"]] or [m.document["rounds"]]
-    with_ratio = {label: e for label, e in m.rows.items() if e["ratio"]}
-    if not with_ratio:
-        return ""
-    rows = []
-    for label, e in with_ratio.items():
-        cells = [f"{_two(e['ratio'][n])}{_of_paper(m, e, n)}" for n in shown]
-        rows.append([label, f"{e['trajectory_difference'][shown[-1]]:.3g}", *cells])
-    header = ["trajectory difference", f"at {shown[-1]}", *(f"ratio at {n}" for n in shown)]
-    return _table(header, rows)
-
-
 def _of_paper(m: Measured, e: Mapping[str, Any], number: int) -> str:
     theirs = paper_numbers.trajectory_difference(m.document["task"], m.document["noise"], e)
     yardstick = paper_numbers.trajectory_difference("air-hockey", "none", {"identifier": YARDSTICK})
@@ -180,7 +192,7 @@ def successes(m: Measured) -> str:
 
 def in_world_distances(found: list[Measured]) -> str:
     """Trajectory difference by rounds, of each robot and in the paper."""
-    title = f"trajectory difference at {_said(WORLD_ROUNDS)}, cm"
+    title = f"trajectory difference at {_said(BESIDE)}, cm"
     return _by_robot(title, found, lambda e: _shown(e["trajectory_difference"]), _paper_distances)
 
 
@@ -198,7 +210,7 @@ def _gain(e: Mapping[str, Any]) -> str:
 def _about_worlds(found: list[Measured]) -> str:
     """Counts and codes of what differs in the robot alone."""
     counts = {(m.document["pairs"], m.document["rounds"]) for m in found}
-    codes = sorted({m.provenance["code"][:12] for m in found})
+    codes = sorted({m.provenance["code"][:8] for m in found})
     said = " or ".join(f"{pairs} pairs, {rounds} rounds" for pairs, rounds in sorted(counts))
     return f"`runs/evaluation/{found[0].document['task']}-world-*`: {said}; code {', '.join(codes)}."
 
@@ -206,7 +218,7 @@ def _about_worlds(found: list[Measured]) -> str:
 def in_world_successes(found: list[Measured]) -> str:
     """Success by rounds, of each robot and in the paper."""
     return _by_robot(
-        f"success at {_said(WORLD_ROUNDS)}, %", found, lambda e: _shown(e["success"]), _paper_successes(found)
+        f"success at {_said(BESIDE)}, %", found, lambda e: _shown(e["success"]), _paper_successes(found)
     )
 
 
@@ -236,14 +248,14 @@ def _by_robot(
     rows = []
     for label, figures in theirs.items():
         cells = [cell(m.rows[label]) if label in m.rows else NONE for m in found]
-        beside = [_hundredths(figures[n] for n in WORLD_ROUNDS) if figures else NONE]
+        beside = [_hundredths(figures[n] for n in BESIDE) if figures else NONE]
         rows.append([label, *cells, *(beside if with_paper else [])])
     robots = [m.document["robot"] for m in found]
     return _table([title, *robots, *(["in the paper"] if with_paper else [])], rows)
 
 
 def _shown(by_round: list[float]) -> str:
-    return _hundredths(by_round[n] for n in WORLD_ROUNDS if n < len(by_round))
+    return _hundredths(by_round[n] for n in BESIDE if n < len(by_round))
 
 
 def _hundredths(values: Iterable[float]) -> str:
@@ -257,7 +269,7 @@ def _said(rounds: tuple[int, ...]) -> str:
 def pairs(m: Measured) -> str:
     """`capture-refined` against each other one, pair by pair, with the sign test, in words."""
     others = {label: e["paired"] for label, e in m.rows.items() if e.get("paired")}
-    n = max(n for n in m.rounds if n <= PAIRED)
+    n = max(n for n in m.rounds if n <= AT)
     # where it is beyond doubt the tables above say enough
     compared = {label: c for label, c in others.items() if c["p"][n] >= DOUBTFUL}
     said = [
@@ -329,16 +341,19 @@ def goals() -> str:
     """The part of that name: what was aimed at, beside the paper and what was measured."""
     folders = ("air-hockey", "scooping", "scooping-noise", "scooping-known-noise")
     hockey, lift, noisy, known = (Measured.read(folder).rows for folder in folders)
+    theirs = Measured.read("air-hockey-paper").rows["capture"]
     mine, refined = "capture-trajectory", OURS
     rows = [
         [
-            f"air hockey, ratio of trajectory differences at 10: `{mine}`",
-            "0.3",
+            "air hockey, ratio of trajectories at 10: `capture`",
+            NONE,
             "0.52",
-            _two(hockey[mine]["ratio"][10]),
+            _two(theirs["ratio"][10]),
         ],
+        [f"`{mine}`", "0.3", NONE, _two(hockey[mine]["ratio"][10])],
         [f"`{refined}`", "0.1", NONE, _two(hockey[refined]["ratio"][10])],
-        [f"parameter difference at 7: `{mine}`", "0.05", "0.2", _mean(hockey[mine], 7)],
+        ["parameter difference at 7: `capture`", NONE, "0.2", _mean(theirs, 7)],
+        [f"`{mine}`", "0.05", NONE, _mean(hockey[mine], 7)],
         [f"`{refined}`", "0.01", NONE, _mean(hockey[refined], 7)],
         [f"scooping, success from round 5 on: `{mine}`", NONE, "0.8 to 0.9", _lowest(lift[mine], 5)],
         [f"`{refined}`", "0.95", NONE, _lowest(lift[refined], 5)],
@@ -387,4 +402,4 @@ def _either(values: list[int]) -> str:
 
 def _table(header: list[str], rows: Rows) -> str:
     lines = [f"| {' | '.join(cells)} |" for cells in [header, *rows]]
-    return "\n".join([lines[0], f"|---|{'---:|' * (len(header) - 1)}", *lines[1:]])
+    return "\n".join([lines[0], f"|---|{'-:|' * (len(header) - 1)}", *lines[1:]])

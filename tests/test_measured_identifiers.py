@@ -38,16 +38,16 @@ def measured() -> Measured:
 
 
 def test_a_table_says_how_many_pairs_it_is_of_and_whose_code_made_it(measured):
-    assert "10 pairs, 2 rounds, trained on 90 histories; code 0123456789ab." in measured.about()
+    assert "10 pairs, 2 rounds, trained on 90 histories; code 01234567." in measured.about()
     assert "the code was not noted" in Measured("folder", measured.document, {}).about()
 
 
 def test_errors_stand_beside_what_was_simulated_for_them_where_several_simulate(measured):
-    header, _, row, other = measured_identifiers.parameters(measured).splitlines()
+    header, _, row, other = measured_identifiers.differences(measured).splitlines()
     assert header == "| parameter difference (rollouts so far) | 1 | 2 |"
     assert row == "| cma-es | 0.2 (147) | 0.12 (440) |" and other == "| compass | 0.2 (10) | 0.1 (20) |"
     alone = {**measured.document, "identifiers": {"cma-es": measured.rows["cma-es"]}}
-    assert "rollouts up to 2" in measured_identifiers.parameters(Measured("f", alone, {}))
+    assert "| cover at 2 | rollouts |" in measured_identifiers.differences(Measured("f", alone, {}))
 
 
 def test_probabilities_are_those_of_the_sign_test(measured):
@@ -91,16 +91,16 @@ def test_robots_stand_side_by_side_with_the_paper(monkeypatch):
 
     found = [of("Panda", [0.0, 0.5]), of("UR5e", [0.25, 1.0])]
     header, _, *rows = measured_identifiers.in_world_successes(found).splitlines()
-    assert header == "| success at 1, 3, 5, 7, 9, % | Panda | UR5e | in the paper |"
-    assert rows[0] == "| tunenet | 50 | 100 | 30, 63, 60, 40, 30 |"
-    assert rows[1] == "| posterior | 50 | 100 |  |" and rows[2].startswith("| capture |  |  | 20, 57")
+    assert header == "| success at 1, 5, 9, % | Panda | UR5e | in the paper |"
+    assert rows[0] == "| tunenet | 50 | 100 | 30, 60, 30 |"
+    assert rows[1] == "| posterior | 50 | 100 |  |" and rows[2].startswith("| capture |  |  | 20, 80")
     gains = measured_identifiers.in_world_gains(found).splitlines()
     assert gains[2] == "| tunenet | 0.5; 0, 50 | 0.5; 25, 100 |" and len(gains) == 4
     monkeypatch.setattr(
         measured_identifiers, "_measured", lambda task, in_world: found if task == "scooping" else []
     )
     about, _ = measured_identifiers.worlds().split("\n\n")
-    assert about == "`runs/evaluation/scooping-world-*`: 4 pairs, 1 rounds; code 0123456789ab."
+    assert about == "`runs/evaluation/scooping-world-*`: 4 pairs, 1 rounds; code 01234567."
 
 
 def test_what_intervals_claim_stands_beside_what_estimates_are_off_by(monkeypatch):
