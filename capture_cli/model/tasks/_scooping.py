@@ -46,7 +46,9 @@ class ScoopingPlant(ActionTask):
             Channel(f"{name}_target", "m", f"{name}_target", self.model.actuator(name).id, linear=True)
             for name in ("spatula_x", "spatula_z")
         )
-        self.outputs = tuple(self._output(name) for name in output_sensors)
+        self.outputs = tuple(
+            Channel.of_sensor(self.model, name, OUTPUT_UNITS.get(name, "m")) for name in output_sensors
+        )
         self.log = LogColumns()
         self._rod = self.model.body("rod").id
         self._spatula_x = self.model.joint("spatula_x").qposadr[0]
@@ -65,10 +67,6 @@ class ScoopingPlant(ActionTask):
         inputs[:, :, 0] = scoop[:, None]
         inputs[:, :, 1] = lift_height(self.timestep * np.arange(self.grid_steps))
         return Episodes(initial, inputs)
-
-    def _output(self, name: str) -> Channel:
-        sensor = self.model.sensor(name)  # of a position, the x component
-        return Channel(name, OUTPUT_UNITS.get(name, "m"), name, int(sensor.adr[0]), sensor=sensor.id)
 
 
 def lift_height(time: np.ndarray) -> np.ndarray:

@@ -69,9 +69,11 @@ class AirHockey(ActionTask):
             ]
         )
         self.inputs = tuple(
-            Channel(name, "m/s", name, self.model.actuator(name).id) for name in ("mallet_vx", "mallet_vy")
+            Channel.of_actuator(self.model, name, "m/s") for name in ("mallet_vx", "mallet_vy")
         )
-        self.outputs = tuple(self._output(name) for name in ("puck_x", "puck_y", "mallet_x", "mallet_y"))
+        self.outputs = tuple(
+            Channel.of_sensor(self.model, name, "m") for name in ("puck_x", "puck_y", "mallet_x", "mallet_y")
+        )
         # whole episodes hit the walls too often: their error has valleys everywhere
         self.log = LogColumns(window=1.0)
         self.actions = ParameterSpace(
@@ -112,10 +114,8 @@ class AirHockey(ActionTask):
         angle = np.arctan2(to_puck[:, 1], to_puck[:, 0]) + actions[:, 2]
         velocity = actions[:, 3:] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         stroke = np.linalg.norm(to_puck, axis=1) - self._touch + SETTINGS.follow_through
-        steps = stroke / actions[:, 3] / self.timestep
-        waited = np.arange(self.grid_steps) - round(SETTINGS.pause / self.timestep)
-        share = np.where(waited < 0, 0.0, np.clip(steps[:, None] - waited, 0.0, 1.0))  # of each step, moving
-        return Episodes(initial, share[:, :, None] * velocity[:, None])
+        moving = self.share_of_steps(SETTINGS.pause, stroke / actions[:, 3])
+        return Episodes(initial, moving[:, :, None] * velocity[:, None])
 
     def observe(self, outputs):
         """The puck's x and y, m."""
@@ -135,10 +135,6 @@ class AirHockey(ActionTask):
     def success(self, actions, trajectories):
         """Whether the puck ends within `target_radius` of the target."""
         return _miss(trajectories) <= SETTINGS.target_radius
-
-    def _output(self, name: str) -> Channel:
-        sensor = self.model.sensor(name)
-        return Channel(name, "m", name, int(sensor.adr[0]), sensor=sensor.id)
 
 
 def _parameter(name: str, unit: str, bounds: tuple[float, float]) -> Parameter:

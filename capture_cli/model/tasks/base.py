@@ -41,6 +41,17 @@ class Channel:
     period: float | None = None
     sparse: bool = False
 
+    @classmethod
+    def of_actuator(cls, model: mujoco.MjModel, name: str, unit: str) -> Channel:
+        """The input, in the unit of the model, whose actuator and column have its name."""
+        return cls(name, unit, name, model.actuator(name).id)
+
+    @classmethod
+    def of_sensor(cls, model: mujoco.MjModel, name: str, unit: str) -> Channel:
+        """The output, in the unit of the model, whose sensor and column have its name; of a position, x."""
+        sensor = model.sensor(name)
+        return cls(name, unit, name, int(sensor.adr[0]), sensor=sensor.id)
+
     @property
     def read_as(self) -> tuple[str | float, ...]:
         """Column, scale, offset and, if there is one, period: what `import-log` makes the channel of."""
@@ -175,3 +186,11 @@ class ActionTask(Task):
     def grid_steps(self) -> int:
         """Model steps of an episode, its first state counted."""
         return round(float(self.point_times[-1]) / self.timestep) + 1
+
+    def share_of_steps(self, pause: float, duration: np.ndarray) -> np.ndarray:
+        """Of each step of an episode, the share in what begins after `pause` s and takes `duration` s (episode,):
+        (episode, step).
+        """
+        waited = np.arange(self.grid_steps) - round(pause / self.timestep)
+        steps = duration / self.timestep
+        return np.where(waited < 0, 0.0, np.clip(steps[:, None] - waited, 0.0, 1.0))

@@ -50,10 +50,10 @@ class Door(ActionTask):
             ]
         )
         self.inputs = tuple(
-            Channel(name, "m/s", name, self.model.actuator(name).id) for name in ("finger_vx", "finger_vy")
+            Channel.of_actuator(self.model, name, "m/s") for name in ("finger_vx", "finger_vy")
         )
         self.outputs = tuple(
-            self._output(name, unit)
+            Channel.of_sensor(self.model, name, unit)
             for name, unit in (("door_angle", "rad"), ("finger_x", "m"), ("finger_y", "m"))
         )
         self.log = LogColumns()
@@ -82,11 +82,9 @@ class Door(ActionTask):
         qpos[:, self._finger[0]] = self._start_x
         qpos[:, self._finger[1]] = actions[:, 0]
         initial = InitialStates(qpos, np.zeros((count, self.model.nv)), np.zeros((count, 0)), np.zeros(count))
-        steps = (SETTINGS.gap + SETTINGS.follow_through) / actions[:, 1] / self.timestep
-        waited = np.arange(self.grid_steps) - round(SETTINGS.pause / self.timestep)
-        share = np.where(waited < 0, 0.0, np.clip(steps[:, None] - waited, 0.0, 1.0))  # of each step, moving
+        duration = (SETTINGS.gap + SETTINGS.follow_through) / actions[:, 1]
         inputs = np.zeros((count, self.grid_steps, 2))
-        inputs[:, :, 0] = share * actions[:, 1:]
+        inputs[:, :, 0] = self.share_of_steps(SETTINGS.pause, duration) * actions[:, 1:]
         return Episodes(initial, inputs)
 
     def observe(self, outputs):
@@ -100,10 +98,6 @@ class Door(ActionTask):
     def success(self, actions, trajectories):
         """Whether the door ends `within` of ajar."""
         return _miss(trajectories) <= SETTINGS.within
-
-    def _output(self, name: str, unit: str) -> Channel:
-        sensor = self.model.sensor(name)
-        return Channel(name, unit, name, int(sensor.adr[0]), sensor=sensor.id)
 
 
 def _parameter(name: str, unit: str, bounds: tuple[float, float]) -> Parameter:
