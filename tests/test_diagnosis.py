@@ -748,7 +748,7 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
         out=tmp_path / "arm.zarr",
         effects=["control-lag@shoulder=0.03", "control-lag@elbow=0.05"],
         noise=1e-3,
-        episodes=4,
+        episodes=3,
         duration=1.5,
         rate=100,
         seed=3,
