@@ -50,6 +50,17 @@ def test_errors_stand_beside_what_was_simulated_for_them_where_several_simulate(
     assert "| cover at 2 | rollouts |" in measured_identifiers.differences(Measured("f", alone, {}))
 
 
+def test_cells_of_a_suite_stand_side_by_side(measured):
+    def of(cell: str, values: dict[str, float]) -> Measured:
+        rows = {f"capture ({v})": entry([*[0.3] * 10, x], [1] * 11) for v, x in values.items()}
+        return Measured(f"suite/{cell}", {**measured.document, "rounds": 10, "identifiers": rows}, {})
+
+    cells = [of("L", {"L=5": 0.125, "L=7": 0.1}), of("k", {"k=2": 0.2})]
+    about, _, header, _, *rows = measured_identifiers.ablations(cells).splitlines()
+    assert about.startswith("`suite`: 10 pairs") and header == "|  | L=5 | L=7 | k=2 |"
+    assert rows == ["| parameters at 10 | 0.12 | 0.1 | 0.2 |", "| trajectory at 10 | 0.125 | 0.1 | 0.2 |"]
+
+
 def test_probabilities_are_those_of_the_sign_test(measured):
     assert measured_identifiers.pairs(measured).endswith("further than cma-es 5/1/4 (p 0.75).")
     sure = {**measured.rows["cma-es"]["paired"], "p": [1.0, 1e-4, 1e-5]}
