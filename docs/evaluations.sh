@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The commands behind docs/dev/evaluation.md: runs/evaluation, made again. Run those that you need.
-# runs/sysid/air-hockey/capture, noisy and distance were trained on an H200 (--device cuda): others give other bytes.
+# runs/sysid/air-hockey/capture, ablations, noisy and distance were trained on an H200 (--device cuda): others give other bytes.
 set -eu
 
 # Air hockey: the main table, then the paper's network, noise and fits on the same pairs.
