@@ -128,7 +128,7 @@ def simulated(task: Path, found: Found) -> np.ndarray:
     tape = controls(machine_.model, 1)[0]
     time = 0.25 + machine_.timestep * np.arange(len(tape))
     samples = Log(time, np.zeros((len(tape), len(machine_.outputs))), [slice(0, len(tape))], tape)
-    windows = cut(samples, None, machine_.timestep, np.zeros(len(machine_.inputs), dtype=bool))
+    windows = cut(samples, None, machine_.timestep, np.ones(len(machine_.inputs)))
     simulator = Simulator(
         machine_, [(name.partition("@")[0], effect) for name, (effect, _) in found.items()], 1
     )

@@ -201,7 +201,7 @@ def flown(task, radius: float) -> MeasuredLog:
     time, ends = np.tile(clock, EPISODES), SAMPLES * (1 + np.arange(EPISODES))
     episodes = [slice(end - SAMPLES, end) for end in ends]
     samples = Log(time, np.zeros((len(time), 3)), episodes, inputs)
-    whole = cut(samples, None, task.timestep, np.zeros(2, dtype=bool))
+    whole = cut(samples, None, task.timestep, np.ones(2))
     qpos, qvel = np.zeros((EPISODES, 3)), 0.05 * generator.standard_normal((EPISODES, 3))
     qpos[:, 1] = generator.uniform(0.0, 0.1, EPISODES)
     initial = InitialStates(qpos, qvel, np.zeros((EPISODES, 0)), np.zeros(EPISODES))

@@ -19,11 +19,11 @@ TIMES = {
 }
 
 
-@pytest.mark.parametrize("linear", [False, True])
+@pytest.mark.parametrize("commands", [1, 3, np.inf])
 @pytest.mark.parametrize("name", TIMES)
-def test_inputs_are_the_same_kept_or_read(name, linear, monkeypatch):
+def test_inputs_are_the_same_kept_or_read(name, commands, monkeypatch):
     time, values = TIMES[name](TIMESTEP * np.arange(200)), np.random.default_rng(0).standard_normal((200, 2))
-    logged = LoggedInputs(time, values, TIMESTEP, np.array([False, linear]))
+    logged = LoggedInputs(time, values, TIMESTEP, np.array([1, commands]))
     kept = input_sequences(logged, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
     set_numbers(monkeypatch, "capture_cli.log.input_sequences", kept_bytes=0)
     read = input_sequences(logged, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import pytest
 
 from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
@@ -32,34 +33,34 @@ QUIET = {"threads": 1}
 
 
 @pytest.mark.parametrize("machine", ["slider", "cart_pole"])
-@pytest.mark.parametrize(("dress", "linear"), [("plain", False), ("half-rate", True), ("quarter-rate", True)])
-def test_the_log_tells_whether_commands_are_held_or_change_evenly(machine, dress, linear):
+@pytest.mark.parametrize(("dress", "commands"), [("plain", 1), ("half-rate", 2), ("quarter-rate", 4)])
+def test_the_log_tells_how_many_commands_there_are_from_row_to_row(machine, dress, commands):
     task, log, _ = Case(NOTHING, machine, (), 1.0, 5, dress=dress, episodes=6).build()
-    assert [c.linear for c in task.inputs] == [None] * len(task.inputs)
+    assert [c.commands for c in task.inputs] == [None] * len(task.inputs)
     prepared = prepare(log, task, **QUIET)
-    assert [t.linear for t in prepared.input_timings] == [linear] * len(task.inputs)
-    assert [c.linear for c in prepared.task.inputs] == [linear] * len(task.inputs)
+    assert [t.commands for t in prepared.input_timings] == [commands] * len(task.inputs)
+    assert [c.commands for c in prepared.task.inputs] == [commands] * len(task.inputs)
     for timing in prepared.input_timings:
         assert timing.gain > 3 * timing.error
 
 
 def test_what_the_task_says_is_not_asked_again():
     task, log, _ = Case(NOTHING, "slider", (), 1.0, 5, dress="half-rate").build()
-    task.inputs = tuple(replace(c, linear=False) for c in task.inputs)
+    task.inputs = tuple(replace(c, commands=1.0) for c in task.inputs)
     prepared = prepare(log, task, **QUIET)
-    assert prepared.input_timings == () and not prepared.task.linear.any()
+    assert prepared.input_timings == () and (prepared.task.commands == 1).all()
 
 
 @pytest.mark.parametrize(
-    ("effect", "magnitude", "dress", "linear"),
+    ("effect", "magnitude", "dress", "commands"),
     [
-        ("coulomb-friction@x", 3.0, "plain", False),
-        ("coulomb-friction@x", 3.0, "half-rate", True),
-        ("coulomb-friction@x", 10.0, "half-rate", True),
-        ("direction-dependent-viscous@x", 10.0, "half-rate", True),
+        ("coulomb-friction@x", 3.0, "plain", 1),
+        ("coulomb-friction@x", 3.0, "half-rate", 2),
+        ("coulomb-friction@x", 10.0, "half-rate", 2),
+        ("direction-dependent-viscous@x", 10.0, "half-rate", 2),
     ],
 )
-def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnitude, dress, linear):
+def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnitude, dress, commands):
     task, log, _ = Case(PLANTED, "cart_pole", (effect,), magnitude, 3, dress=dress, episodes=6).build()
     prepared = prepare(log, task, **QUIET)
     assert prepared.input_timings == ()  # what is missing may look like another timing
@@ -67,8 +68,8 @@ def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnit
     as_read = partial(prepare, log, **QUIET)
     candidates = [c for c in all_candidates(prepared) if c.placed.kind in ASKED]
     found, _ = timings_with_effects(unread, candidates, as_read, 1)
-    assert [t.linear for t in found] == [linear]
-    assert with_timings(task, found).linear.tolist() == [linear]
+    assert [t.commands for t in found] == [commands]
+    assert with_timings(task, found).commands.tolist() == [commands]
 
 
 def test_where_two_effects_are_missing_it_is_told_with_both_in():
@@ -79,7 +80,7 @@ def test_where_two_effects_are_missing_it_is_told_with_both_in():
     few = [c for c in all_candidates(prepared) if c.name in pair]
     unread, as_read = replace(prepared, task=task), partial(prepare, log, **QUIET)
     found, _ = timings_with_effects(unread, few, as_read, 1)
-    assert [t.linear for t in found] == [False, False]
+    assert [t.commands for t in found] == [1, 1]
     assert all(t.gain > 3 * t.error for t in found)
 
 
@@ -90,21 +91,21 @@ def test_simulations_tell_where_the_balance_is_not_sure(monkeypatch):
     prepared = prepare(log, task, **QUIET)
     few = [c for c in all_candidates(prepared) if c.name == name]
     found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
-    assert [t.linear for t in found] == [True]
+    assert [t.commands for t in found] == [4]
 
 
 def test_a_log_without_a_balance_tells_nothing_and_its_inputs_are_held():
     task, log, _ = Case(NOTHING, "puck", (), 1.0, 5, episodes=6).build()
     prepared = prepare(log, task, **QUIET)
-    assert prepared.input_timings == () and not prepared.task.linear.any()
+    assert prepared.input_timings == () and (prepared.task.commands == 1).all()
 
 
 def test_where_the_declared_model_explains_the_log_by_inputs_that_change_evenly_effects_are_asked(tmp_path):
     """A supply that sags takes from a force what a later one would: in the balance that is less than noise."""
     seed = 669718904
     task, log, _ = Case(PLANTED, "slider", ("control-supply-sag",), 3.0, seed).build()
-    assert prepare(log, task, split=NewSplit(seed=seed), **QUIET).task.linear.all()
+    assert prepare(log, task, split=NewSplit(seed=seed), **QUIET).task.commands.tolist() == [np.inf]
     options = DiagnoseOptions(real_log=tmp_path / "log.zarr", out=tmp_path / "out", threads=1, seed=seed)
     found = _prepared(LogToFit(log, task, options, Provenance("diagnose", {}, {})), None, TimeLimit())
-    assert not found.task.linear.any()
-    assert [t.linear for t in found.input_timings] == [False]
+    assert found.task.commands.tolist() == [1]
+    assert [t.commands for t in found.input_timings] == [1]

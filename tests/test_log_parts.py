@@ -27,7 +27,7 @@ def windows_of(episodes: Sequence[tuple[float, int]]) -> Windows:
         episodes=[slice(stop - n, stop) for n, stop in zip(counts, stops, strict=True)],
         inputs=np.zeros((stops[-1], 1)),
     )
-    return cut(log, SAMPLES * STEP, STEP, np.array([False]))
+    return cut(log, SAMPLES * STEP, STEP, np.array([1]))
 
 
 def judged(episodes: Sequence[tuple[float, int]]) -> set[tuple[float, int]]:

@@ -25,7 +25,7 @@ def cut_windows(task) -> Windows:
     """Windows of two short episodes."""
     time = np.arange(90) / 100
     samples = Log(time, np.zeros((90, 1)), [slice(0, 50), slice(50, 90)], inputs=np.sin(7 * time)[:, None])
-    return cut(samples, 0.2, task.timestep, np.array([False]))
+    return cut(samples, 0.2, task.timestep, np.array([1]))
 
 
 @pytest.fixture

@@ -98,7 +98,7 @@ class Experiment:
     def cut(self, outputs: np.ndarray, duration: float | None):
         """Windows of `duration` s (episodes where None) of a log of this experiment with `outputs` (step, output)."""
         samples = Log(self.time, outputs, self.episodes, self.inputs)
-        return cut(samples, duration, self.task.timestep, np.zeros(len(self.task.inputs), dtype=bool))
+        return cut(samples, duration, self.task.timestep, np.ones(len(self.task.inputs)))
 
     def log(self, outputs: np.ndarray) -> MeasuredLog:
         """The log of `outputs` (step, output), with the noise."""

@@ -49,10 +49,10 @@ def timings_of_inputs(
         return (), None
     rows = whitening.rows(by_parameter(balance))
     known = Balanced(windows, task.space.nominal, _where_sure(whitening, rows))
-    found, nothing_else = input_timings(balance, whitening, rows, [c.name for c in task.inputs], task.linear)
+    found, nothing_else = input_timings(balance, whitening, rows, [c.name for c in task.inputs], task.commands)
     if not nothing_else:
         return (), known
-    return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.linear is None), known
+    return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.commands is None), known
 
 
 def balanced_point(
@@ -87,10 +87,10 @@ def _where_sure(whitening: Whitening, rows: Sequence[np.ndarray]) -> np.ndarray 
 
 def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:
     """The task with inputs that act as the log tells, and are held where it does not."""
-    linear = {t.name: t.linear for t in timings}
+    commands = {t.name: t.commands for t in timings}
     known = copy(task)
     known.inputs = tuple(
-        replace(c, linear=linear.get(c.name, False)) if c.linear is None else c for c in task.inputs
+        replace(c, commands=commands.get(c.name, 1.0)) if c.commands is None else c for c in task.inputs
     )
     return known
 

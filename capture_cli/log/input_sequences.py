@@ -19,14 +19,16 @@ class SETTINGS:
 
 @dataclass(frozen=True)
 class LoggedInputs:
-    """Inputs `values` (step, input) of a log, sampled at time (step,) s, for a model that takes steps of `timestep` s:
-    held, or interpolated where `linear` (input,).
+    """Inputs `values` (step, input) of a log, sampled at time (step,) s, for a model that takes steps of `timestep` s.
+
+    commands (input,): that there are from one sample to the next, evenly in time and in value, each held until the
+    next: 1 where the sample itself is held, inf where the input is interpolated.
     """
 
     time: np.ndarray
     values: np.ndarray
     timestep: float
-    linear: np.ndarray
+    commands: np.ndarray
 
     def part(self, steps: slice) -> LoggedInputs:
         """Those of some steps."""
@@ -42,20 +44,47 @@ class LoggedInputs:
         sums_from: the sample that the sums begin at from which means are worked out; None for the first that is needed.
         Its choice shows in the last digit: part of a sequence is as it is in the whole only where both have the same.
         """
+        near = self._near(times)
+        values = np.empty((len(times), self.values.shape[1]))
+        for number in np.unique(self.commands):
+            own = self.commands == number
+            if np.isinf(number):
+                columns = self.values[near][:, own].T
+                values[:, own] = np.stack([np.interp(times, self.time[near], c) for c in columns], axis=1)
+                continue
+            begin = near.start if sums_from is None else sums_from
+            commands = self.part(slice(begin, near.stop)).each_command(own)
+            values[:, own] = commands._held_at(times, None if sums_from is None else 0)
+        return values
+
+    def each_command(self, inputs: np.ndarray) -> LoggedInputs:
+        """Some inputs (input,), of as many commands each, with a sample for each of these."""
+        (number,) = np.unique(self.commands[inputs])
+        time, values = (_spread(own, int(number)) for own in (self.time[:, None], self.values[:, inputs]))
+        return replace(self, time=time[:, 0], values=values, commands=np.ones(values.shape[1]))
+
+    def sums_from(self, times: np.ndarray) -> int:
+        """Where `at` begins its sums for the whole of `times`."""
+        near, firsts = self._near(times), []
+        for number in np.unique(self.commands[np.isfinite(self.commands)]):
+            commands = self.part(near).each_command(self.commands == number)
+            _, changes = commands._held_through(times)
+            if changes.size:
+                firsts.append(int(commands._held(times[changes[:1]], 0.0)[0] // number))
+        return near.start + min(firsts, default=0)
+
+    def _near(self, times: np.ndarray) -> slice:
+        """The samples that may act at `times`."""
+        first, last = self._held(np.array([times.min(), times.max() + self.timestep]), 0.0)
+        return slice(max(int(first) - 1, 0), int(last) + 3)
+
+    def _held_at(self, times: np.ndarray, sums_from: int | None) -> np.ndarray:
+        """As `at`, where all are held."""
         held, changes = self._held_through(times)
         values = self.values[held]
         if changes.size:
             values[changes] = self._mean_from(times[changes], sums_from)
-        if self.linear.any():
-            near = slice(max(held.min() - 1, 0), held.max() + 3)
-            for k in np.flatnonzero(self.linear):
-                values[:, k] = np.interp(times, self.time[near], self.values[near, k])
         return values
-
-    def sums_from(self, times: np.ndarray) -> int:
-        """Where `at` begins its sums for the whole of `times`."""
-        _, changes = self._held_through(times)
-        return int(self._held(times[changes[:1]], 0.0)[0]) if changes.size else 0
 
     def _held_through(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which of the samples is held at the beginning of each step, (model step,), and the steps in which another
@@ -80,6 +109,13 @@ class LoggedInputs:
         np.cumsum(values[:-1] * np.diff(time)[:, None], axis=0, out=whole[1:])
         begin, end = whole[held] + values[held] * (edges - time[held])[..., None]
         return (end - begin) / self.timestep
+
+
+def _spread(samples: np.ndarray, number: int) -> np.ndarray:
+    """`number` values from each sample (step, column) to the next, evenly between, and the last: (..., column)."""
+    share = np.arange(number)[:, None] / number
+    between = samples[:-1, None] + share * np.diff(samples, axis=0)[:, None]
+    return np.concatenate([between.reshape(-1, samples.shape[1]), samples[-1:]])
 
 
 @dataclass(frozen=True)

@@ -192,8 +192,8 @@ def input_timing(record: Record) -> list[str]:
     look.
     """
     found = record.input_timing
-    linear = found and any(i["interpolate"] == "linear" for i in found["inputs"].values())
-    return [found["text"]] if linear else []
+    not_held = found and any(i["interpolate"] != "hold" for i in found["inputs"].values())
+    return [found["text"]] if not_held else []
 
 
 def jitter_share(record: Record) -> float:

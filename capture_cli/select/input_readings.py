@@ -8,7 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from capture_cli.estimate.balance.input_timing import SETTINGS, InputTiming, is_surely_better, sum_and_error
+from capture_cli.estimate.balance.input_timing import (
+    SETTINGS,
+    InputTiming,
+    commands_told_apart,
+    is_surely_better,
+    sum_and_error,
+)
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import ModelFits
@@ -36,19 +42,20 @@ def timings_with_effects(
     simulations otherwise; with the screening of the candidates in that reading. None where the log gives no balance.
     They are held where the other reading leaves more than noise: what is missing may look like it. Of two effects one
     may make up for the reading: held inputs are like a delay of what changes evenly. Then simulations decide, too.
+    Inputs that change are asked last for commands between rows.
 
     prepared: with the task as it was given, and what the declared model alone says of its inputs; where that explains
     the log with inputs that change evenly, one effect with held ones has to be surely better. prepared_as: makes the
     log ready for another task. on_work is called before what takes long, which it may end by raising.
     """
-    tasks = [_read(prepared.task, linear) for linear in (False, True)]
+    tasks = [_read(prepared.task, commands) for commands in (1.0, np.inf)]
     log = replace(prepared, task=tasks[0])
     screening = screening_of(log, LogParts.of(log).folds.balance, candidates, threads, lambda *_: on_work())
     if screening is None:
         return (), None
     screening.on_work = on_work
-    screenings = [screening, screening.read_as(tasks[1].linear)]
-    told = any(t.linear for t in prepared.input_timings)
+    screenings = [screening, screening.read_as(tasks[1].commands)]
+    told = any(t.commands != 1 for t in prepared.input_timings)
     models = held, evenly = [own.best() for own in screenings] if told else _best(screenings)
     linear = not is_surely_better(evenly.likelihood, held.likelihood)
     if linear and not told:
@@ -58,8 +65,29 @@ def timings_with_effects(
         )
     gains = evenly.likelihood - held.likelihood
     gain, error = sum_and_error(gains if linear else -gains)
-    asked = (c.name for c in prepared.task.inputs if c.linear is None)
-    return tuple(InputTiming(name, linear, gain, error) for name in asked), screenings[linear]
+    commands, screening = _between_rows(screenings[1], evenly, prepared.task) if linear else (1.0, screening)
+    asked = (c.name for c in prepared.task.inputs if c.commands is None)
+    return tuple(InputTiming(name, commands, gain, error) for name in asked), screening
+
+
+def _between_rows(evenly: Screening, best: BalancedModel, task: Task) -> tuple[float, Screening]:
+    """How many commands from row to row there are of inputs that change, and the screening with these.
+
+    best: of the screening with an even change. What the record explains needs no effect: that number is taken which is
+    best with the same effects, where none or those of `best` are in, unless `best` is surely better than the best model
+    with that number.
+    """
+    known = [evenly.fitted(replace(best, effects=(), values=())), *([best] if best.effects else [])]
+    most, told = 0.0, (np.inf, evenly, best)
+    for number in map(float, commands_told_apart(evenly.balance)):
+        own = evenly.read_as(_read(task, number).commands)
+        fitted = [own.fitted(model) for model in known]
+        gain = max(model.gain(before)[0] for before, model in zip(known, fitted, strict=True))
+        if gain > most:
+            most, told = gain, (number, own, fitted[-1])
+    number, screening, model = told
+    rival = max((model, screening.best()), key=lambda m: m.likelihood.sum())
+    return (np.inf, evenly) if is_surely_better(rival.likelihood, best.likelihood) else (number, screening)
 
 
 def _best(screenings: Sequence[Screening]) -> list[BalancedModel]:
@@ -91,10 +119,10 @@ def _decide(one: BalancedModel, other: BalancedModel) -> bool:
     return explained and any(is_surely_better(*pair) for pair in gains)
 
 
-def _read(task: Task, linear: bool) -> Task:
+def _read(task: Task, commands: float) -> Task:
     """The task with all inputs read alike of which it does not say how they act."""
     known = copy(task)
-    known.inputs = tuple(replace(c, linear=linear) if c.linear is None else c for c in task.inputs)
+    known.inputs = tuple(replace(c, commands=commands) if c.commands is None else c for c in task.inputs)
     return known
 
 

@@ -32,6 +32,7 @@ from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.recorded_world import AT_JOINTS, RecordedWorld
 from capture_cli.estimate.balance.resting import mass_matrix
 from capture_cli.estimate.balance.trees import in_whole_trees, inverse_of, solved
+from capture_cli.log.input_sequences import LoggedInputs
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._periodic_force import PeriodicForce
@@ -169,10 +170,12 @@ class ForceBalance:
     def _null(self) -> _WorkedOut:
         return self._worked_out()
 
-    def read_as(self, linear: np.ndarray) -> ForceBalance:
-        """The balance with inputs that change evenly between rows where `linear` (input,), and are held elsewhere."""
+    def read_as(self, commands: np.ndarray) -> ForceBalance:
+        """The balance with so many commands (input,) of each input from one row to the next."""
         task = copy(self.smoothed.task)
-        task.inputs = tuple(replace(c, linear=bool(own)) for c, own in zip(task.inputs, linear, strict=True))
+        task.inputs = tuple(
+            replace(c, commands=float(own)) for c, own in zip(task.inputs, commands, strict=True)
+        )
         return ForceBalance(replace(self.smoothed, task=task), self.point, self.threads, self.acting)
 
     def of_parameter(self, index: int) -> Accelerations:
@@ -314,12 +317,8 @@ class ForceBalance:
         found = []
         for span in spans:
             time = log.time[span] - log.time[span.start]
-            held = np.clip(np.searchsorted(time, grid + 1e-3 * task.timestep, side="right") - 1, 0, None)
-            inputs = [
-                np.interp(grid, time, u) if evenly else u[held]
-                for u, evenly in zip(log.inputs[span].T, task.linear, strict=True)
-            ]
-            found.append(task.controls(np.stack(inputs, axis=1)[None])[0])
+            inputs = LoggedInputs(time, log.inputs[span], task.timestep, task.commands).at(grid)
+            found.append(task.controls(inputs[None])[0])
         return np.array(found), grid
 
     def _averaged(self, drive: Callable, variants: int) -> np.ndarray:

@@ -140,9 +140,9 @@ class Screening:
         """In the balance of the declared model, from `point` (parameter,) of its task on."""
         return cls(*declared_balance(smoothed, point, threads), placed, on_step=on_step)
 
-    def read_as(self, linear: np.ndarray) -> Screening:
-        """The same of inputs that change evenly between rows where `linear` (input,), and are held elsewhere."""
-        balance = self.balance.read_as(linear)
+    def read_as(self, commands: np.ndarray) -> Screening:
+        """The same with so many commands (input,) of each input from one row to the next."""
+        balance = self.balance.read_as(commands)
         whitening = copy(self.whitening)
         whitening.balance = balance
         return self._in(balance, whitening)

@@ -43,7 +43,7 @@ class ScoopingPlant(ActionTask):
         self.space = ParameterSpace([Parameter("com", "1", -1.0, 1.0, nominal=0.0, step=SETTINGS.com_step)])
         self.actions = ParameterSpace([Parameter("scoop_point", "1", -1.0, 1.0, nominal=0.0)])
         self.inputs = tuple(
-            Channel(f"{name}_target", "m", f"{name}_target", self.model.actuator(name).id, linear=True)
+            Channel(f"{name}_target", "m", f"{name}_target", self.model.actuator(name).id, commands=np.inf)
             for name in ("spatula_x", "spatula_z")
         )
         self.outputs = tuple(

@@ -17,6 +17,16 @@ from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.states import InitialStates
 
 
+# How many commands an input has from row to row, by what a task file calls it.
+INTERPOLATED = {"hold": 1.0, "linear": np.inf}
+
+
+def interpolate_of(commands: float) -> str | int:
+    """What a task file calls an input with so many commands from row to row."""
+    names = {number: name for name, number in INTERPOLATED.items()}
+    return names.get(commands) or int(commands)
+
+
 @dataclass(frozen=True)
 class Channel:
     """One input or output: a column of a log, brought to `unit` by value = scale * column + offset.
@@ -24,8 +34,9 @@ class Channel:
     index: the actuator (inputs) or the column of sensordata (outputs) it belongs to. sensor: the output's sensor id.
     noise_sd: known standard deviation of an output's noise, in `unit`; None where it is to be estimated. period: after
     which an output's column begins anew, in its own unit: 360 for a heading in degrees; None where it does not.
-    linear: whether an input is interpolated between samples rather than held; None where nobody says, and it is held
-    until the log tells. sparse: whether an output may have no
+    commands: how many commands an input has from one row to the next: 1 where it is held; n where the log has every
+    n-th, and the others lie evenly between; inf where it changes evenly. None where nobody says, and it is held until
+    the log tells. sparse: whether an output may have no
     value in some rows of a log, as a sensor that is slower than the others.
     """
 
@@ -37,7 +48,7 @@ class Channel:
     scale: float = 1.0
     offset: float = 0.0
     noise_sd: float | None = None
-    linear: bool | None = False
+    commands: float | None = 1.0
     period: float | None = None
     sparse: bool = False
 
@@ -105,9 +116,9 @@ class Task(ABC):
         return float(self.model.opt.timestep)
 
     @property
-    def linear(self) -> np.ndarray:
-        """Which inputs change evenly between samples, rather than being held, (input,)."""
-        return np.array([bool(c.linear) for c in self.inputs], dtype=bool)
+    def commands(self) -> np.ndarray:
+        """How many commands each input has from one row of a log to the next, (input,), as of `Channel`."""
+        return np.array([1.0 if c.commands is None else c.commands for c in self.inputs])
 
     def controls(self, inputs: np.ndarray) -> np.ndarray:
         """Inputs (..., input) as ctrl (..., nu); actuators that are no input get 0."""

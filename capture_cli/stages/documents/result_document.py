@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +25,7 @@ from capture_cli.model.effects.base import Effect
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.mjcf.impossible_inertia import impossible_inertias
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.model.tasks.base import Task
+from capture_cli.model.tasks.base import Task, interpolate_of
 from capture_cli.simulate.simulator import InitialConditions
 from capture_cli.stages.documents.undetermined_document import undetermined_of
 from capture_cli.store.output import sha256
@@ -215,18 +216,24 @@ def input_timing_of(prepared: PreparedLog) -> dict[str, Any] | None:
     if not prepared.input_timings:
         return None
     said = []
-    for how, linear in (("change evenly from row to row", True), ("are held from row to row", False)):
-        names = [t.name for t in prepared.input_timings if t.linear == linear]
-        if names:
-            lines = f'interpolate = "{"linear" if linear else "hold"}"'
-            said.append(f"{', '.join(names)} {how} (write {lines} in [inputs.{names[0]}] to settle it)")
+    for commands in sorted({t.commands for t in prepared.input_timings}, reverse=True):
+        names = [t.name for t in prepared.input_timings if t.commands == commands]
+        line = f"interpolate = {json.dumps(interpolate_of(commands))}"
+        said.append(f"{', '.join(names)} {_acting(commands)} (write {line} in [inputs.{names[0]}] to settle it)")
     return {
         "inputs": {
-            t.name: {"interpolate": "linear" if t.linear else "hold", "gain": t.gain, "error": t.error}
+            t.name: {"interpolate": interpolate_of(t.commands), "gain": t.gain, "error": t.error}
             for t in prepared.input_timings
         },
         "text": f"What inputs do between rows the task does not say, and the log tells: {'; '.join(said)}.",
     }
+
+
+def _acting(commands: float) -> str:
+    """What an input with so many commands from row to row does."""
+    if np.isinf(commands):
+        return "change evenly from row to row"
+    return f"have {commands:.0f} commands from row to row" if commands > 1 else "are held from row to row"
 
 
 def time_stamps_of(prepared: PreparedLog, stamps: TimeStampJitter | None) -> dict[str, Any] | None:

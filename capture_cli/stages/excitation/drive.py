@@ -126,7 +126,7 @@ def acted(task: ActionTask, actions: np.ndarray, rate: float) -> Drive:
     driven = task.episodes(actions)
     steps, episodes = _steps(task, rate), len(actions)
     time = np.arange(steps) / rate
-    inputs = np.stack([_sampled(sequence, task.timestep, time, task.linear) for sequence in driven.inputs])
+    inputs = np.stack([_sampled(sequence, task.timestep, time, task.commands) for sequence in driven.inputs])
     return Drive(
         time=np.tile(time, episodes),
         inputs=inputs.reshape(episodes * steps, -1),
@@ -153,19 +153,22 @@ def _actions(task: ActionTask, asked: RecordOptions, generator: np.random.Genera
     return chooser.act(believed, generator.random((asked.episodes, len(task.actions))))
 
 
-def _sampled(sequence: np.ndarray, timestep: float, time: np.ndarray, linear: np.ndarray) -> np.ndarray:
-    """Inputs (grid, input) at `time` (step,): their value where `linear`, their mean until the next sample if not."""
+def _sampled(sequence: np.ndarray, timestep: float, time: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    """Inputs (grid, input) at `time` (step,): the mean over the first of so many commands (input,) that there are until
+    the next sample; the value where they change evenly.
+    """
     grid = timestep * np.arange(len(sequence) + 1)
-    edges = np.append(time, 2 * time[-1] - time[-2])
+    until = np.diff(time, append=2 * time[-1] - time[-2])
     values = np.empty((len(time), sequence.shape[1]))
     for k, column in enumerate(sequence.T):
-        if linear[k]:
+        if np.isinf(commands[k]):
             values[:, k] = np.interp(time, grid[:-1], column)
             continue
+        edges = np.stack([time, time + until / commands[k]])
         # past its end a sequence holds its last value
         after = np.maximum(edges - grid[-1], 0.0) * column[-1]
         travelled = np.interp(edges, grid, np.append(0.0, timestep * np.cumsum(column))) + after
-        values[:, k] = np.diff(travelled) / np.diff(edges)
+        values[:, k] = np.diff(travelled, axis=0) / np.diff(edges, axis=0)
     return values
 
 
