@@ -49,7 +49,9 @@ def timings_of_inputs(
         return (), None
     rows = whitening.rows(by_parameter(balance))
     known = Balanced(windows, task.space.nominal, _where_sure(whitening, rows))
-    found, nothing_else = input_timings(balance, whitening, rows, [c.name for c in task.inputs], task.commands)
+    found, nothing_else = input_timings(
+        balance, whitening, rows, [c.name for c in task.inputs], task.commands
+    )
     if not nothing_else:
         return (), known
     return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.commands is None), known

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from capture_cli.estimate.balance.input_timing import (
     InputTiming,
     commands_told_apart,
     is_surely_better,
-    sum_and_error,
 )
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit
@@ -29,12 +28,59 @@ from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import effective_samples
 
 NARROW = BeamSettings(width=2, branches=2, pairs=4)
+PreparedAs = Callable[[Task], PreparedLog]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A log whose inputs have so many `commands` from row to row, of which the task does not say it: its screening, and
+    its best model.
+    """
+
+    unread: Task
+    commands: float
+    screening: Screening
+    model: BalancedModel
+
+    @classmethod
+    def of(cls, unread: Task, commands: float, screening: Screening) -> Reading:
+        """With one effect at most. screening: of any reading."""
+        own = screening.read_as(_read(unread, commands).commands)
+        return cls(unread, commands, own, own.best())
+
+    @property
+    def task(self) -> Task:
+        return _read(self.unread, self.commands)
+
+    def is_surely_better_than(self, other: Reading) -> bool:
+        return is_surely_better(other.model.likelihood, self.model.likelihood)
+
+    def with_commands_between_rows(self) -> Reading:
+        """This one, of inputs that change evenly, or that of as many commands as are best with the same effects, none
+        or those of the model: what the record explains needs no effect, unless with one this is surely better.
+        """
+        known = [self.screening.fitted(replace(self.model, effects=(), values=()))]
+        known += [self.model] if self.model.effects else []
+        gains = {self.commands: 0.0}
+        for number in map(float, commands_told_apart(self.screening.balance)):
+            own = self.screening.read_as(_read(self.unread, number).commands)
+            gains[number] = max(own.fitted(model).gain(model)[0] for model in known)
+        likeliest = max(gains, key=gains.__getitem__)
+        if likeliest == self.commands:
+            return self
+        other = Reading.of(self.unread, likeliest, self.screening).with_best_of([self])
+        return self if self.is_surely_better_than(other) else other
+
+    def with_best_of(self, others: Sequence[Reading]) -> Reading:
+        """The reading with the best of its own model and of those of others, fitted in its screening."""
+        models = [self.model, *(self.screening.fitted(other.model) for other in others)]
+        return replace(self, model=max(models, key=lambda m: m.likelihood.sum()))
 
 
 def timings_with_effects(
     prepared: PreparedLog,
     candidates: Sequence[Candidate],
-    prepared_as: Callable[[Task], PreparedLog],
+    prepared_as: PreparedAs,
     threads: int | None,
     on_work: Callable[[], None] = lambda: None,
 ) -> tuple[tuple[InputTiming, ...], Screening | None]:
@@ -42,95 +88,69 @@ def timings_with_effects(
     simulations otherwise; with the screening of the candidates in that reading. None where the log gives no balance.
     They are held where the other reading leaves more than noise: what is missing may look like it. Of two effects one
     may make up for the reading: held inputs are like a delay of what changes evenly. Then simulations decide, too.
-    Inputs that change are asked last for commands between rows.
 
     prepared: with the task as it was given, and what the declared model alone says of its inputs; where that explains
-    the log with inputs that change evenly, one effect with held ones has to be surely better. prepared_as: makes the
-    log ready for another task. on_work is called before what takes long, which it may end by raising.
+    the log with inputs that change, one effect with held ones has to be surely better. prepared_as: makes the log ready
+    for another task. on_work is called before what takes long, which it may end by raising.
     """
-    tasks = [_read(prepared.task, commands) for commands in (1.0, np.inf)]
-    log = replace(prepared, task=tasks[0])
+    log = replace(prepared, task=_read(prepared.task, 1.0))
     screening = screening_of(log, LogParts.of(log).folds.balance, candidates, threads, lambda *_: on_work())
     if screening is None:
         return (), None
     screening.on_work = on_work
-    screenings = [screening, screening.read_as(tasks[1].commands)]
-    told = any(t.commands != 1 for t in prepared.input_timings)
-    models = held, evenly = [own.best() for own in screenings] if told else _best(screenings)
-    linear = not is_surely_better(evenly.likelihood, held.likelihood)
-    if linear and not told:
-        linear = evenly.beyond_noise < SETTINGS.else_missing and (
-            _is_simply_better(held, evenly)
-            or _fits_better([(prepared_as(t), m) for t, m in zip(tasks, models, strict=True)], threads)
-        )
-    gains = evenly.likelihood - held.likelihood
-    gain, error = sum_and_error(gains if linear else -gains)
-    commands, screening = _between_rows(screenings[1], evenly, prepared.task) if linear else (1.0, screening)
+    held = Reading(prepared.task, 1.0, screening, screening.best())
+    changing = Reading.of(prepared.task, np.inf, screening)
+    if not held.is_surely_better_than(changing):
+        changing = changing.with_commands_between_rows()
+    if any(t.commands != 1 for t in prepared.input_timings):
+        best = held if held.is_surely_better_than(changing) else changing
+    else:
+        held, changing = _with_pairs(held, changing)
+        best = changing if _changes(held, changing, prepared_as, threads) else held
+    gain, error = best.model.gain((changing if best is held else held).model)
     asked = (c.name for c in prepared.task.inputs if c.commands is None)
-    return tuple(InputTiming(name, commands, gain, error) for name in asked), screening
+    return tuple(InputTiming(name, best.commands, gain, error) for name in asked), best.screening
 
 
-def _between_rows(evenly: Screening, best: BalancedModel, task: Task) -> tuple[float, Screening]:
-    """How many commands from row to row there are of inputs that change, and the screening with these.
-
-    best: of the screening with an even change. What the record explains needs no effect: that number is taken which is
-    best with the same effects, where none or those of `best` are in, unless `best` is surely better than the best model
-    with that number.
-    """
-    known = [evenly.fitted(replace(best, effects=(), values=())), *([best] if best.effects else [])]
-    most, told = 0.0, (np.inf, evenly, best)
-    for number in map(float, commands_told_apart(evenly.balance)):
-        own = evenly.read_as(_read(task, number).commands)
-        fitted = [own.fitted(model) for model in known]
-        gain = max(model.gain(before)[0] for before, model in zip(known, fitted, strict=True))
-        if gain > most:
-            most, told = gain, (number, own, fitted[-1])
-    number, screening, model = told
-    rival = max((model, screening.best()), key=lambda m: m.likelihood.sum())
-    return (np.inf, evenly) if is_surely_better(rival.likelihood, best.likelihood) else (number, screening)
-
-
-def _best(screenings: Sequence[Screening]) -> list[BalancedModel]:
-    """The best model of each reading with one effect at most; where these do not decide, with two at most: what else
-    is missing may look like another reading. Where they leave far more than noise, two will not do either.
+def _with_pairs(held: Reading, changing: Reading) -> tuple[Reading, Reading]:
+    """The readings with two effects at most, where one does not decide: what else is missing may look like another
+    reading. Where they leave far more than noise, two will not do either.
 
     A search stops at one effect where a second is not surely better. So each reading is asked with the effects that the
     other has, too: of two models the likelihoods would not be of the readings alone.
     """
-    models = [own.best() for own in screenings]
-    if _decide(*models) or min(m.beyond_noise for m in models) >= SETTINGS.hopeless:
-        return models
-    largest = [list(grown(own, (), (), 2, settings=NARROW))[-1:] for own in screenings]
-    found = [levels[0].best if levels else one for levels, one in zip(largest, models, strict=True)]
-    others = [own.fitted(model) for own, model in zip(screenings, reversed(found), strict=True)]
-    return [max(both, key=lambda m: m.likelihood.sum()) for both in zip(found, others, strict=True)]
+    both = held, changing
+    least = min(r.model.beyond_noise for r in both)
+    sure = held.is_surely_better_than(changing) or changing.is_surely_better_than(held)
+    if (sure and least < SETTINGS.else_missing) or least >= SETTINGS.hopeless:
+        return both
+    largest = [list(grown(r.screening, (), (), 2, settings=NARROW))[-1:] for r in both]
+    held, changing = (replace(r, model=m[0].best) if m else r for r, m in zip(both, largest, strict=True))
+    return held.with_best_of([changing]), changing.with_best_of([held])
 
 
-def _is_simply_better(held: BalancedModel, evenly: BalancedModel) -> bool:
-    """Whether the second reading is surely better without two effects, of which one may make up for the first."""
-    simple = max(len(m.effects) for m in (held, evenly)) < 2
-    return simple and is_surely_better(held.likelihood, evenly.likelihood)
+def _changes(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> bool:
+    """Whether inputs are not held."""
+    if held.is_surely_better_than(changing) or changing.model.beyond_noise >= SETTINGS.else_missing:
+        return False
+    one_effect = max(len(r.model.effects) for r in (held, changing)) < 2
+    if one_effect and changing.is_surely_better_than(held):
+        return True
+    return _fits_better(held, changing, prepared_as, threads)
 
 
-def _decide(one: BalancedModel, other: BalancedModel) -> bool:
-    """Whether one reading is surely better, and no more is left than noise."""
-    explained = min(one.beyond_noise, other.beyond_noise) < SETTINGS.else_missing
-    gains = (one.likelihood, other.likelihood), (other.likelihood, one.likelihood)
-    return explained and any(is_surely_better(*pair) for pair in gains)
-
-
-def _read(task: Task, commands: float) -> Task:
+def _read(unread: Task, commands: float) -> Task:
     """The task with all inputs read alike of which it does not say how they act."""
-    known = copy(task)
-    known.inputs = tuple(replace(c, commands=commands) if c.commands is None else c for c in task.inputs)
+    known = copy(unread)
+    known.inputs = tuple(replace(c, commands=commands) if c.commands is None else c for c in unread.inputs)
     return known
 
 
-def _fits_better(readings: Sequence[tuple[PreparedLog, BalancedModel]], threads: int | None) -> bool:
-    """Whether the last of two readings, each with its model fitted by simulations, is clearly better: the effect that
-    is in may not be the right one, so a little better is not enough.
+def _fits_better(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> bool:
+    """Whether the second reading, each with its model fitted by simulations, is clearly better: the effect that is in
+    may not be the right one, so a little better is not enough.
     """
-    before, after = (_fit(log, model, threads) for log, model in readings)
+    before, after = (_fit(prepared_as(r.task), r.model, threads) for r in (held, changing))
     if before is None or after is None:
         return before is None and after is not None
     squares = before.penalised_squares, after.penalised_squares

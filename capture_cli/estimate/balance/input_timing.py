@@ -1,10 +1,10 @@
 """What an input does between the rows of a log: is it held, does it change evenly from one row to the next, or were
 there more commands than rows, of which the log has every n-th?
 
-A logger that writes every second command leaves rows between which the machine was told more. Commands that are held
-act later than even changes do: of n from row to row by (T / n - h) / 2, with rows T and steps of the model h apart. That
-looks like a delay, a lag or a mass that is not there. The force balance tells: what the declared model predicts of
-blocks that it was not fitted to, with the input read one way and the other.
+A logger that writes every second command leaves rows between which the machine was told more. Held commands act later
+than even changes do: of n from row to row by (T / n - h) / 2, with rows T and steps of the model h apart. That looks
+like a delay, a lag or a mass that is not there. The force balance tells: what the declared model predicts of blocks
+that it was not fitted to, with the input read one way and the other.
 """
 
 from __future__ import annotations

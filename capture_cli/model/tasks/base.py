@@ -16,7 +16,6 @@ from capture_cli.model.fields import ModelFields
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.states import InitialStates
 
-
 # How many commands an input has from row to row, by what a task file calls it.
 INTERPOLATED = {"hold": 1.0, "linear": np.inf}
 

@@ -219,7 +219,9 @@ def input_timing_of(prepared: PreparedLog) -> dict[str, Any] | None:
     for commands in sorted({t.commands for t in prepared.input_timings}, reverse=True):
         names = [t.name for t in prepared.input_timings if t.commands == commands]
         line = f"interpolate = {json.dumps(interpolate_of(commands))}"
-        said.append(f"{', '.join(names)} {_acting(commands)} (write {line} in [inputs.{names[0]}] to settle it)")
+        said.append(
+            f"{', '.join(names)} {_acting(commands)} (write {line} in [inputs.{names[0]}] to settle it)"
+        )
     return {
         "inputs": {
             t.name: {"interpolate": interpolate_of(t.commands), "gain": t.gain, "error": t.error}
