@@ -137,8 +137,9 @@ def cut(
     """Windows of `duration` seconds (whole episodes where None) of every episode.
 
     timestep: the model's, s. commands (input,): from one step to the next, as of LoggedInputs. No step is in two
-    windows, and none is left out but one that stands alone between two gaps. The tail of an episode that is shorter than half a
-    window is joined to the window before it. has_gaps: False where time is known to have none, however uneven it is.
+    windows, and none is left out but one that stands alone between two gaps. The tail of an episode that is shorter
+    than half a window is joined to the window before it. has_gaps: False where time is known to have none, however
+    uneven it is.
     """
     time, sampled = samples.time, samples.sampled
     spans = [

@@ -90,8 +90,8 @@ def timings_with_effects(
     may make up for the reading: held inputs are like a delay of what changes evenly. Then simulations decide, too.
 
     prepared: with the task as it was given, and what the declared model alone says of its inputs; where that explains
-    the log with inputs that change, one effect with held ones has to be surely better. prepared_as: makes the log ready
-    for another task. on_work is called before what takes long, which it may end by raising.
+    the log with one reading, one effect with the other has to be surely better. prepared_as: makes the log ready for
+    another task. on_work is called before what takes long, which it may end by raising.
     """
     log = replace(prepared, task=_read(prepared.task, 1.0))
     screening = screening_of(log, LogParts.of(log).folds.balance, candidates, threads, lambda *_: on_work())
@@ -102,7 +102,10 @@ def timings_with_effects(
     changing = Reading.of(prepared.task, np.inf, screening)
     if not held.is_surely_better_than(changing):
         changing = changing.with_commands_between_rows()
-    if any(t.commands != 1 for t in prepared.input_timings):
+    told = {t.commands == 1 for t in prepared.input_timings}
+    if told == {True}:
+        best = changing if changing.is_surely_better_than(held) else held
+    elif told:
         best = held if held.is_surely_better_than(changing) else changing
     else:
         held, changing = _with_pairs(held, changing)

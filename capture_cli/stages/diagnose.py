@@ -84,12 +84,12 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
 def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit) -> PreparedLog:
     """The log made ready; where something is missing, how inputs act is told by the best effect with each reading.
 
-    Where the declared model alone says that they are not held, it is asked again with an effect in: a missing effect
-    may look like that.
+    What the declared model alone says of them, of all alike, is asked again with an effect in: a missing effect may
+    look like another reading.
     """
     prepared, task = to_fit.prepared(held_out), to_fit.task
-    told = prepared.input_timings
-    if (told and any(t.commands == 1 for t in told)) or all(c.commands is not None for c in task.inputs):
+    told = {t.commands == 1 for t in prepared.input_timings}
+    if len(told) > 1 or all(c.commands is not None for c in task.inputs):
         return prepared
     unread, candidates = replace(prepared, task=task), all_candidates(prepared)
     again, threads = partial(to_fit.prepared, held_out), to_fit.options.threads
