@@ -89,7 +89,7 @@ def test_an_episode_of_an_action_is_what_a_log_of_it_would_show(text, strokes):
         [slice(k * steps, (k + 1) * steps) for k in range(4)],
         episodes.inputs.reshape(4 * steps, -1),
     )
-    windows = cut(samples, None, task.timestep, task.commands, has_gaps=False)
+    windows = cut(samples, None, task.timestep, task.holds, has_gaps=False)
     at = np.rint(task.point_times / task.timestep).astype(int)
     for k in range(4):
         logged = simulator.simulate(
@@ -121,7 +121,7 @@ def test_a_known_effect_acts_before_one_that_is_looked_for(slider_task):
     log = record(
         task=str(slider_task), out=slider_task.with_name("l.zarr"), amplitude={"drive": 5.0}, threads=1
     ).log
-    windows = cut(log.arrays, None, task.timestep, task.commands, has_gaps=False)
+    windows = cut(log.arrays, None, task.timestep, task.holds, has_gaps=False)
     rest = InitialStates(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
     given = both.simulate(windows, rest, np.array([2.0, 1.0, 2.0, 0.5]))
     known = one.simulate(windows, rest, np.array([2.0, 1.0, 0.5]))

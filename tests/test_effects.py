@@ -28,7 +28,7 @@ from scipy.linalg import expm
 from capture_cli.errors import ModelError
 from capture_cli.estimate.initial_states.from_outputs import model_initial_states
 from capture_cli.log.arrays import Log
-from capture_cli.log.input_sequences import CachedSequences
+from capture_cli.log.input_sequences import EVENLY, HELD, CachedSequences
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.log.windows import cut
 from capture_cli.model import effects
@@ -848,7 +848,7 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     time = 0.004 * np.arange(750)
     log = {"time": time, "inputs": 30 * np.sign(np.sin(61 * time))[:, None], "outputs": np.zeros((750, 1))}
     samples = Log(**log, episodes=[slice(0, 750)])
-    whole, windows = (cut(samples, d, task.timestep, np.array([1])) for d in (None, 0.5))
+    whole, windows = (cut(samples, d, task.timestep, [HELD]) for d in (None, 0.5))
     values = np.array([value])
     rollout = Engine(task.model, 1).rollout(
         initial=model_initial_states(task.model, 1).states,
@@ -878,7 +878,7 @@ def test_what_fades_began_to_with_the_episode(name, site):
     time = 5 + 0.004 * np.arange(750)
     log = {"time": time, "inputs": 30 * np.sign(np.sin(61 * time))[:, None], "outputs": np.zeros((750, 1))}
     samples = Log(**log, episodes=[slice(0, 750)])
-    whole, windows = (cut(samples, d, task.timestep, np.array([1])) for d in (None, 0.5))
+    whole, windows = (cut(samples, d, task.timestep, [HELD]) for d in (None, 0.5))
     values, zero = np.array([[-0.6, 1.5]]), np.zeros(1)
     begin = replace(model_initial_states(task.model, 1).states, time=np.array([5.0]))
     force = effect.force(values, task.timestep, began=begin.time)
@@ -910,7 +910,7 @@ def test_a_motor_is_as_hot_in_a_window_as_its_log_made_it(recordings):
     control = 30 * np.sign(np.sin(61 * time)) * np.where(time % 2 < 1, 1.0, 0.3)
     log = {"time": time - 5, "episodes": [slice(0, 750), slice(750, 1250)]}
     samples = Log(**log, inputs=control[:, None], outputs=np.zeros((1250, 1)))
-    windows = cut(samples, 0.5, 0.002, np.array([1]))
+    windows = cut(samples, 0.5, 0.002, [HELD])
     before = [0.1, 0.1] if recordings == 1 else [0.1, 0.25]
 
     def lost(tape, values, **known):
@@ -944,7 +944,7 @@ def test_a_clock_drifts_from_the_start_of_the_episode(error):
     time = 0.004 * np.arange(750)
     log = {"time": time, "inputs": 30 * np.sin(11 * time)[:, None], "outputs": np.zeros((750, 1))}
     samples = Log(**log, episodes=[slice(0, 750)])
-    whole, windows = (cut(samples, d, task.timestep, np.array([np.inf])) for d in (None, 0.5))
+    whole, windows = (cut(samples, d, task.timestep, [EVENLY]) for d in (None, 0.5))
     rollout = Engine(task.model, 1).rollout(
         initial=model_initial_states(task.model, 1).states,
         controls=task.controls(whole.controls),

@@ -17,6 +17,7 @@ from plain_loop import imported, looped
 
 from capture_cli.errors import ModelError, OutputError, StoreError
 from capture_cli.log.arrays import Log
+from capture_cli.log.input_sequences import HELD
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.log.windows import cut
 from capture_cli.model import effects
@@ -128,7 +129,7 @@ def simulated(task: Path, found: Found) -> np.ndarray:
     tape = controls(machine_.model, 1)[0]
     time = 0.25 + machine_.timestep * np.arange(len(tape))
     samples = Log(time, np.zeros((len(tape), len(machine_.outputs))), [slice(0, len(tape))], tape)
-    windows = cut(samples, None, machine_.timestep, np.ones(len(machine_.inputs)))
+    windows = cut(samples, None, machine_.timestep, [HELD] * len(machine_.inputs))
     simulator = Simulator(
         machine_, [(name.partition("@")[0], effect) for name, (effect, _) in found.items()], 1
     )

@@ -10,6 +10,7 @@ from machines import DRONE, build, run
 from plain_loop import imported, looped
 
 from capture_cli.log.arrays import Log
+from capture_cli.log.input_sequences import HELD
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import cut
 from capture_cli.model.effects.companion import companion_module
@@ -201,7 +202,7 @@ def flown(task, radius: float) -> MeasuredLog:
     time, ends = np.tile(clock, EPISODES), SAMPLES * (1 + np.arange(EPISODES))
     episodes = [slice(end - SAMPLES, end) for end in ends]
     samples = Log(time, np.zeros((len(time), 3)), episodes, inputs)
-    whole = cut(samples, None, task.timestep, np.ones(2))
+    whole = cut(samples, None, task.timestep, [HELD, HELD])
     qpos, qvel = np.zeros((EPISODES, 3)), 0.05 * generator.standard_normal((EPISODES, 3))
     qpos[:, 1] = generator.uniform(0.0, 0.1, EPISODES)
     initial = InitialStates(qpos, qvel, np.zeros((EPISODES, 0)), np.zeros(EPISODES))

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from setting_numbers import set_numbers
 
-from capture_cli.log.input_sequences import CachedSequences, LoggedInputs, LogSequences, input_sequences
+from capture_cli.log.input_sequences import (
+    EVENLY,
+    HELD,
+    CachedSequences,
+    Hold,
+    LoggedInputs,
+    LogSequences,
+    input_sequences,
+)
 
 TIMESTEP, LEAD, STOP = 0.002, 60, 90  # s; model steps
 FIRST = np.array([0, 20, 55, 130, 170])
@@ -19,11 +27,11 @@ TIMES = {
 }
 
 
-@pytest.mark.parametrize("commands", [1, 3, np.inf])
+@pytest.mark.parametrize("hold", [HELD, EVENLY, Hold(3.0), Hold(1.0, -0.004), Hold(2.0, 0.0013)])
 @pytest.mark.parametrize("name", TIMES)
-def test_inputs_are_the_same_kept_or_read(name, commands, monkeypatch):
+def test_inputs_are_the_same_kept_or_read(name, hold, monkeypatch):
     time, values = TIMES[name](TIMESTEP * np.arange(200)), np.random.default_rng(0).standard_normal((200, 2))
-    logged = LoggedInputs(time, values, TIMESTEP, np.array([1, commands]))
+    logged = LoggedInputs(time, values, TIMESTEP, [HELD, hold])
     kept = input_sequences(logged, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
     set_numbers(monkeypatch, "capture_cli.log.input_sequences", kept_bytes=0)
     read = input_sequences(logged, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)

@@ -12,6 +12,7 @@ from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.split import NewSplit
+from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select import input_readings
 from capture_cli.select.candidates import all_candidates
@@ -36,19 +37,19 @@ QUIET = {"threads": 1}
 @pytest.mark.parametrize(("dress", "commands"), [("plain", 1), ("half-rate", 2), ("quarter-rate", 4)])
 def test_the_log_tells_how_many_commands_there_are_from_row_to_row(machine, dress, commands):
     task, log, _ = Case(NOTHING, machine, (), 1.0, 5, dress=dress, episodes=6).build()
-    assert [c.commands for c in task.inputs] == [None] * len(task.inputs)
+    assert [c.hold for c in task.inputs] == [None] * len(task.inputs)
     prepared = prepare(log, task, **QUIET)
-    assert [t.commands for t in prepared.input_timings] == [commands] * len(task.inputs)
-    assert [c.commands for c in prepared.task.inputs] == [commands] * len(task.inputs)
+    assert [t.hold for t in prepared.input_timings] == [Hold(commands)] * len(task.inputs)
+    assert [c.hold for c in prepared.task.inputs] == [Hold(commands)] * len(task.inputs)
     for timing in prepared.input_timings:
         assert timing.gain > 3 * timing.error
 
 
 def test_what_the_task_says_is_not_asked_again():
     task, log, _ = Case(NOTHING, "slider", (), 1.0, 5, dress="half-rate").build()
-    task.inputs = tuple(replace(c, commands=1.0) for c in task.inputs)
+    task.inputs = tuple(replace(c, hold=HELD) for c in task.inputs)
     prepared = prepare(log, task, **QUIET)
-    assert prepared.input_timings == () and (prepared.task.commands == 1).all()
+    assert prepared.input_timings == () and set(prepared.task.holds) <= {HELD}
 
 
 @pytest.mark.parametrize(
@@ -69,8 +70,8 @@ def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnit
     candidates = [c for c in all_candidates(prepared) if c.placed.kind in ASKED]
     found, _ = timings_with_effects(unread, candidates, as_read, 1)
     (timing,) = found
-    assert timing.commands in commands  # noise hides which of more than one
-    assert with_timings(task, found).commands.tolist() == [timing.commands]
+    assert timing.hold.commands in commands  # noise hides which of more than one
+    assert with_timings(task, found).holds == (timing.hold,)
 
 
 def test_where_two_effects_are_missing_it_is_told_with_both_in():
@@ -81,7 +82,7 @@ def test_where_two_effects_are_missing_it_is_told_with_both_in():
     few = [c for c in all_candidates(prepared) if c.name in pair]
     unread, as_read = replace(prepared, task=task), partial(prepare, log, **QUIET)
     found, _ = timings_with_effects(unread, few, as_read, 1)
-    assert [t.commands for t in found] == [1, 1]
+    assert [t.hold for t in found] == [HELD, HELD]
     assert all(t.gain > 3 * t.error for t in found)
 
 
@@ -92,21 +93,21 @@ def test_simulations_tell_where_the_balance_is_not_sure(monkeypatch):
     prepared = prepare(log, task, **QUIET)
     few = [c for c in all_candidates(prepared) if c.name == name]
     found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
-    assert [t.commands for t in found] == [4]
+    assert [t.hold for t in found] == [Hold(4.0)]
 
 
 def test_a_log_without_a_balance_tells_nothing_and_its_inputs_are_held():
     task, log, _ = Case(NOTHING, "puck", (), 1.0, 5, episodes=6).build()
     prepared = prepare(log, task, **QUIET)
-    assert prepared.input_timings == () and (prepared.task.commands == 1).all()
+    assert prepared.input_timings == () and set(prepared.task.holds) <= {HELD}
 
 
 def test_where_the_declared_model_explains_the_log_by_inputs_that_change_evenly_effects_are_asked(tmp_path):
     """A supply that sags takes from a force what a later one would: in the balance that is less than noise."""
     seed = 669718904
     task, log, _ = Case(PLANTED, "slider", ("control-supply-sag",), 3.0, seed).build()
-    assert prepare(log, task, split=NewSplit(seed=seed), **QUIET).task.commands.tolist() == [np.inf]
+    assert prepare(log, task, split=NewSplit(seed=seed), **QUIET).task.holds == (EVENLY,)
     options = DiagnoseOptions(real_log=tmp_path / "log.zarr", out=tmp_path / "out", threads=1, seed=seed)
     found = _prepared(LogToFit(log, task, options, Provenance("diagnose", {}, {})), None, TimeLimit())
-    assert found.task.commands.tolist() == [1]
-    assert [t.commands for t in found.input_timings] == [1]
+    assert found.task.holds == (HELD,)
+    assert [t.hold for t in found.input_timings] == [HELD]

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_cli.log.arrays import Log
+from capture_cli.log.input_sequences import HELD
 from capture_cli.log.windows import Windows, cut
 from capture_cli.select.log_parts import SETTINGS, select_folds
 
@@ -27,7 +28,7 @@ def windows_of(episodes: Sequence[tuple[float, int]]) -> Windows:
         episodes=[slice(stop - n, stop) for n, stop in zip(counts, stops, strict=True)],
         inputs=np.zeros((stops[-1], 1)),
     )
-    return cut(log, SAMPLES * STEP, STEP, np.array([1]))
+    return cut(log, SAMPLES * STEP, STEP, [HELD])
 
 
 def judged(episodes: Sequence[tuple[float, int]]) -> set[tuple[float, int]]:

@@ -13,6 +13,7 @@ from setting_numbers import set_numbers
 from capture_cli.context.histories.action_library import Multisines, sequence_task
 from capture_cli.estimate.initial_states.from_outputs import model_initial_states
 from capture_cli.log.arrays import Log
+from capture_cli.log.input_sequences import HELD
 from capture_cli.log.windows import Windows, cut
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.base import GLOBAL
@@ -25,7 +26,7 @@ def cut_windows(task) -> Windows:
     """Windows of two short episodes."""
     time = np.arange(90) / 100
     samples = Log(time, np.zeros((90, 1)), [slice(0, 50), slice(50, 90)], inputs=np.sin(7 * time)[:, None])
-    return cut(samples, 0.2, task.timestep, np.array([1]))
+    return cut(samples, 0.2, task.timestep, [HELD])
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ import pytest
 
 from capture_cli.errors import CaptureError, ModelError, TaskError
 from capture_cli.log.checks.wide_bounds import wide_bounds
+from capture_cli.log.input_sequences import EVENLY
 from capture_cli.model.effects.com_shift import ComShift
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.mjcf.mjcf_writer import to_mjcf
@@ -87,7 +88,7 @@ def test_a_task_in_full(write):
     assert (task.name, task.timestep, task.space.names) == ("pair", 0.004, ("mass",))
     mass = task.space.parameters[0]
     assert (mass.low, mass.high, mass.nominal, mass.unit) == (0.5, 4.0, 1.5, "kg")  # nominal: the model's own
-    assert [(c.name, c.column, c.unit, c.scale, c.offset, c.commands) for c in task.inputs] == [
+    assert [(c.name, c.column, c.unit, c.scale, c.offset, c.hold) for c in task.inputs] == [
         ("push", "u", "N", 1.0, 0.0, None)  # what it does between rows, the log has to tell
     ]
     assert [(c.name, c.column, c.index, c.noise_sd) for c in task.outputs] == [("q", "q_m", 0, None)]
@@ -114,7 +115,7 @@ def test_optional_keys(write):
     assert task.name == task.path.parent.name
     assert task.space.nominal.tolist() == [3.0]
     push, q = task.inputs[0], task.outputs[0]
-    assert (push.scale, push.offset, push.commands) == (2.0, -1.5, np.inf)
+    assert (push.scale, push.offset, push.hold) == (2.0, -1.5, EVENLY)
     assert (q.scale, q.offset, q.noise_sd) == (0.001, 0.25, 1e-4)
     assert (task.log.time, task.log.episode, task.log.window) == ("time", "run", None)
     assert task.log.time_scale == 1e-6
@@ -259,6 +260,8 @@ MISTAKES = {
     "input-scale": ('unit = "N"', 'unit = "N"\nscale = "2"', INPUT, ["scale = '2'", "a number"]),
     "input-scale-zero": ('unit = "N"', 'unit = "N"\nscale = 0', INPUT, ["scale = 0", "the factor"]),
     "input-interpolate": ('unit = "N"', 'unit = "N"\ninterpolate = "cubic"', INPUT, ["'cubic'", '"hold"', '"linear"']),
+    "input-late": ('unit = "N"', 'unit = "N"\ninterpolate = "hold"\nlate = 4', INPUT, ["late = 4", "seconds"]),
+    "input-late-alone": ('unit = "N"', 'unit = "N"\nlate = 0.004', INPUT, ["late without interpolate"]),
     "input-interpolate-1": ('unit = "N"', 'unit = "N"\ninterpolate = 1', INPUT, ["interpolate = 1", "2 to 100"]),
     "output-sensor": ("outputs.q", "outputs.qq", "[outputs.qq]", ["no sensor 'qq'", "'q'", "where"]),
     "output-joint": ("outputs.q", "outputs.a", "[outputs.a]", ["no sensor 'a'", '<jointpos name="a" joint="a"/>']),

@@ -8,12 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_cli.log.arrays import Log
+from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.log.windows import Windows, cut, stretches
 
 TIMESTEP = 1 / 512  # s; this and all times are dyadic, so that sums of them are exact
 TICK = TIMESTEP / 4
 DURATIONS = [None, 1 / 128, 1 / 32, 1 / 8, 1.0]
+
+
+HOLDS = [HELD, EVENLY, Hold(2.0), Hold(3.0), Hold(1.0, -0.003), Hold(np.inf, 0.0021)]
 
 
 @st.composite
@@ -29,7 +33,7 @@ def episodes(draw) -> list[np.ndarray]:
     return result
 
 
-def windows_of(times: list[np.ndarray], duration, commands=1) -> tuple[Windows, dict[str, np.ndarray]]:
+def windows_of(times: list[np.ndarray], duration, hold=HELD) -> tuple[Windows, dict[str, np.ndarray]]:
     """The windows, and the log they were cut from: random inputs and outputs."""
     random = np.random.default_rng(0)
     time = np.concatenate(times)
@@ -41,7 +45,7 @@ def windows_of(times: list[np.ndarray], duration, commands=1) -> tuple[Windows, 
     }
     spans = [slice(b - len(t), b) for t, b in zip(times, ends, strict=True)]
     samples = Log(**log, episodes=spans)
-    return cut(samples, duration, TIMESTEP, np.array([1, commands])), log
+    return cut(samples, duration, TIMESTEP, [HELD, hold]), log
 
 
 def steps_of(windows: Windows) -> list[np.ndarray]:
@@ -99,32 +103,32 @@ def mean_over_step(time: np.ndarray, inputs: np.ndarray, begin: float) -> np.nda
     return np.diff(edges) @ pieces / TIMESTEP
 
 
-def inputs_at(time, inputs, begin, commands) -> list[float]:
-    """Of a step from `begin` on: the first input is held, the second has so many commands from row to row."""
-    held = mean_over_step(time, inputs, begin)[0]
-    if np.isinf(commands):
-        return [held, np.interp(begin, time, inputs[:, 1])]
-    rows = np.arange(commands * (len(time) - 1) + 1) / commands
+def inputs_at(time, inputs, begin, hold) -> list[float]:
+    """Of a step from `begin` on: the first input is held, the second acts so."""
+    held, at = mean_over_step(time, inputs, begin)[0], begin - hold.late
+    if np.isinf(hold.commands):
+        return [held, np.interp(at, time, inputs[:, 1])]
+    rows = np.arange(hold.commands * (len(time) - 1) + 1) / hold.commands
     finer = [np.interp(rows, np.arange(len(time)), x) for x in (time, *inputs.T)]
-    return [held, mean_over_step(finer[0], np.stack(finer[1:], axis=1), begin)[1]]
+    return [held, mean_over_step(finer[0], np.stack(finer[1:], axis=1), at)[1]]
 
 
 @settings(max_examples=60, deadline=None)
-@given(episodes(), st.sampled_from(DURATIONS), st.sampled_from([1, 2, 3, np.inf]))
-def test_inputs_are_held_or_interpolated_on_the_grid(times, duration, commands):
-    windows, log = windows_of(times, duration, commands)
+@given(episodes(), st.sampled_from(DURATIONS), st.sampled_from(HOLDS))
+def test_inputs_are_held_or_interpolated_on_the_grid(times, duration, hold):
+    windows, log = windows_of(times, duration, hold)
     for w, steps in enumerate(steps_of(windows)):
         stop = np.cumsum([len(t) for t in times])[windows.episode[w]]
         time, inputs = log["time"][steps[0] : stop], log["inputs"][steps[0] : stop]
         for g in range(windows.grid_steps[w]):
-            expected = inputs_at(time, inputs, windows.time[w] + g * TIMESTEP, commands)
+            expected = inputs_at(time, inputs, windows.time[w] + g * TIMESTEP, hold)
             np.testing.assert_allclose(windows.controls[w, g], expected, rtol=1e-12, atol=1e-12)
 
 
 @settings(max_examples=60, deadline=None)
-@given(episodes(), st.sampled_from(DURATIONS), st.sampled_from([1, 2, 3, np.inf]))
-def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, commands):
-    windows, log = windows_of(times, duration, commands)
+@given(episodes(), st.sampled_from(DURATIONS), st.sampled_from(HOLDS))
+def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, hold):
+    windows, log = windows_of(times, duration, hold)
     lead, tape = windows.sequences.lead, whole_sequence(windows)
     for w, steps in enumerate(steps_of(windows)):
         begin = np.cumsum([len(t) for t in times])[windows.episode[w]] - len(times[windows.episode[w]])
@@ -135,7 +139,7 @@ def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, 
         assert windows.known_lead[w] == round((windows.time[w] - time[0]) / TIMESTEP)
         for g in range(lead):
             t = windows.time[w] - (lead - g) * TIMESTEP
-            expected = inputs_at(time, inputs, t, commands)
+            expected = inputs_at(time, inputs, t, hold)
             np.testing.assert_allclose(tape[w, g], expected, rtol=1e-12, atol=1e-12)
 
 
@@ -179,8 +183,8 @@ def test_samples_are_interpolated_at_the_logs_times(times, duration):
 @settings(max_examples=30, deadline=None)
 @given(episodes(), st.sampled_from(DURATIONS), st.integers(-4096, 4096))
 def test_when_the_clock_began_does_not_matter(times, duration, shift):
-    here, _ = windows_of(times, duration, commands=np.inf)
-    there, _ = windows_of([t + shift for t in times], duration, commands=np.inf)
+    here, _ = windows_of(times, duration, hold=EVENLY)
+    there, _ = windows_of([t + shift for t in times], duration, hold=EVENLY)
     for name in ("episode", "first", "grid_steps", "controls", "index", "weight", "measured", "mask"):
         np.testing.assert_array_equal(getattr(here, name), getattr(there, name), err_msg=name)
     np.testing.assert_array_equal(here.time + shift, there.time)
@@ -226,7 +230,7 @@ def test_times_rounded_in_a_file_stay_on_the_grid():
     exact = 0.002 * np.arange(500)
     log = {"inputs": np.arange(500.0)[:, None], "outputs": np.zeros((500, 1)), "episodes": [slice(0, 500)]}
     for time in (exact, np.round(exact + 7.3, 6) + 1e-9 * (-1) ** np.arange(500)):
-        windows = cut(Log(time, **log), 0.25, 0.002, np.array([1]))
+        windows = cut(Log(time, **log), 0.25, 0.002, [HELD])
         assert windows.weight.max() < 1e-3
         for w, steps in enumerate(steps_of(windows)):
             np.testing.assert_array_equal(windows.controls[w, : len(steps), 0], steps)

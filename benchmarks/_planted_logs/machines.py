@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks import MACHINES
 from capture_cli.log.arrays import Log
+from capture_cli.log.input_sequences import HELD
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import cut
 from capture_cli.model.effects.base import Effect
@@ -98,7 +99,7 @@ class Experiment:
     def cut(self, outputs: np.ndarray, duration: float | None):
         """Windows of `duration` s (episodes where None) of a log of this experiment with `outputs` (step, output)."""
         samples = Log(self.time, outputs, self.episodes, self.inputs)
-        return cut(samples, duration, self.task.timestep, np.ones(len(self.task.inputs)))
+        return cut(samples, duration, self.task.timestep, [HELD] * len(self.task.inputs))
 
     def log(self, outputs: np.ndarray) -> MeasuredLog:
         """The log of `outputs` (step, output), with the noise."""

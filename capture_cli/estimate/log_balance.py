@@ -16,6 +16,7 @@ from capture_cli.estimate.balance.screening import SETTINGS as SCREENING
 from capture_cli.estimate.balance.screening import by_parameter, declared_balance, parameters_sd
 from capture_cli.estimate.balance.whitening import Whitening
 from capture_cli.estimate.prepared_log import Balanced, PreparedLog
+from capture_cli.log.input_sequences import HELD
 from capture_cli.model.tasks.base import Task
 
 
@@ -49,12 +50,10 @@ def timings_of_inputs(
         return (), None
     rows = whitening.rows(by_parameter(balance))
     known = Balanced(windows, task.space.nominal, _where_sure(whitening, rows))
-    found, nothing_else = input_timings(
-        balance, whitening, rows, [c.name for c in task.inputs], task.commands
-    )
+    found, nothing_else = input_timings(balance, whitening, rows, [c.name for c in task.inputs], task.holds)
     if not nothing_else:
         return (), known
-    return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.commands is None), known
+    return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.hold is None), known
 
 
 def balanced_point(
@@ -89,10 +88,10 @@ def _where_sure(whitening: Whitening, rows: Sequence[np.ndarray]) -> np.ndarray 
 
 def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:
     """The task with inputs that act as the log tells, and are held where it does not."""
-    commands = {t.name: t.commands for t in timings}
+    holds = {t.name: t.hold for t in timings}
     known = copy(task)
     known.inputs = tuple(
-        replace(c, commands=commands.get(c.name, 1.0)) if c.commands is None else c for c in task.inputs
+        replace(c, hold=holds.get(c.name, HELD)) if c.hold is None else c for c in task.inputs
     )
     return known
 

@@ -28,9 +28,9 @@ def clocked(log: MeasuredLog) -> Log:
 
 def cut_log(log: MeasuredLog, task: Task, duration: float | None) -> Windows:
     """Windows of `duration` s, or of whole episodes where None, by the clock of simulations."""
-    return cut(clocked(log), duration, task.timestep, task.commands)
+    return cut(clocked(log), duration, task.timestep, task.holds)
 
 
 def windows_at(log: MeasuredLog, task: Task, spans: Spans) -> Windows:
     """Windows at `spans` of the log, which may overlap, by the clock of simulations."""
-    return at_spans(spans, clocked(log), task.timestep, task.commands)
+    return at_spans(spans, clocked(log), task.timestep, task.holds)

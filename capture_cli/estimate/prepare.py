@@ -77,10 +77,10 @@ def prepare(
     check_fitted(prepared)
     if excerpt is not None:
         return replace(prepared, difference_step=excerpt.difference_step)
-    if any(c.commands is None for c in task.inputs):
+    if any(c.hold is None for c in task.inputs):
         timings, balanced = timings_of_inputs(prepared, threads)
         known = with_timings(task, timings)
-        if (known.commands != 1).any():
+        if known.holds != prepared.task.holds:
             prepared = prepare(log, known, window=window, split=split, threads=threads)
             return replace(prepared, input_timings=timings)
         prepared = replace(prepared, task=known, input_timings=timings, balanced=balanced)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,17 +19,31 @@ class SETTINGS:
 
 
 @dataclass(frozen=True)
-class LoggedInputs:
-    """Inputs `values` (step, input) of a log, sampled at time (step,) s, for a model that takes steps of `timestep` s.
+class Hold:
+    """How an input acts between samples.
 
-    commands (input,): that there are from one sample to the next, evenly in time and in value, each held until the
-    next: 1 where the sample itself is held, inf where the input is interpolated.
+    commands: that there are from one sample to the next, evenly in time and in value, each held until the next: 1 where
+    the sample itself is held, inf where the input is interpolated. late: s, after the time of its sample; before it
+    where negative.
+    """
+
+    commands: float = 1.0
+    late: float = 0.0
+
+
+HELD, EVENLY = Hold(), Hold(np.inf)
+
+
+@dataclass(frozen=True)
+class LoggedInputs:
+    """Inputs `values` (step, input) of a log, sampled at time (step,) s, each of which acts as one of `holds` says, for
+    a model that takes steps of `timestep` s.
     """
 
     time: np.ndarray
     values: np.ndarray
     timestep: float
-    commands: np.ndarray
+    holds: Sequence[Hold]
 
     def part(self, steps: slice) -> LoggedInputs:
         """Those of some steps."""
@@ -44,34 +59,41 @@ class LoggedInputs:
         sums_from: the sample that the sums begin at from which means are worked out; None for the first that is needed.
         Its choice shows in the last digit: part of a sequence is as it is in the whole only where both have the same.
         """
-        near = self._near(times)
         values = np.empty((len(times), self.values.shape[1]))
-        for number in np.unique(self.commands):
-            own = self.commands == number
-            if np.isinf(number):
+        for hold in set(self.holds):
+            own, at = self._acting(hold), times - hold.late
+            near = self._near(at)
+            if np.isinf(hold.commands):
                 columns = self.values[near][:, own].T
-                values[:, own] = np.stack([np.interp(times, self.time[near], c) for c in columns], axis=1)
+                values[:, own] = np.stack([np.interp(at, self.time[near], c) for c in columns], axis=1)
                 continue
             begin = near.start if sums_from is None else sums_from
-            commands = self.part(slice(begin, near.stop)).each_command(own)
-            values[:, own] = commands._held_at(times, None if sums_from is None else 0)
+            commands = self.part(slice(begin, near.stop)).each_command(hold)
+            values[:, own] = commands._held_at(at, None if sums_from is None else 0)
         return values
 
-    def each_command(self, inputs: np.ndarray) -> LoggedInputs:
-        """Some inputs (input,), of as many commands each, with a sample for each of these."""
-        (number,) = np.unique(self.commands[inputs])
-        time, values = (_spread(own, int(number)) for own in (self.time[:, None], self.values[:, inputs]))
-        return replace(self, time=time[:, 0], values=values, commands=np.ones(values.shape[1]))
+    def each_command(self, hold: Hold) -> LoggedInputs:
+        """The inputs that act so, with a sample for each command."""
+        number, own = int(hold.commands), self.values[:, self._acting(hold)]
+        time, values = _spread(self.time[:, None], number)[:, 0], _spread(own, number)
+        return replace(self, time=time, values=values, holds=[HELD] * values.shape[1])
+
+    def _acting(self, hold: Hold) -> np.ndarray:
+        """Which inputs act so, (input,)."""
+        return np.array([own == hold for own in self.holds], dtype=bool)
 
     def sums_from(self, times: np.ndarray) -> int:
         """Where `at` begins its sums for the whole of `times`."""
-        near, firsts = self._near(times), []
-        for number in np.unique(self.commands[np.isfinite(self.commands)]):
-            commands = self.part(near).each_command(self.commands == number)
-            _, changes = commands._held_through(times)
+        firsts = []
+        for hold in {own for own in self.holds if np.isfinite(own.commands)}:
+            at = times - hold.late
+            near = self._near(at)
+            commands = self.part(near).each_command(hold)
+            _, changes = commands._held_through(at)
             if changes.size:
-                firsts.append(int(commands._held(times[changes[:1]], 0.0)[0] // number))
-        return near.start + min(firsts, default=0)
+                before = int(commands._held(at[changes[:1]], 0.0)[0] // hold.commands)
+                firsts.append(near.start + before)
+        return min(firsts, default=self._near(times).start)
 
     def _near(self, times: np.ndarray) -> slice:
         """The samples that may act at `times`."""

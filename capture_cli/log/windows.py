@@ -14,7 +14,7 @@ import numpy as np
 from capture_cli.common.frozen import frozen
 from capture_cli.log.arrays import Log
 from capture_cli.log.input_sequences import SETTINGS as INPUT_SEQUENCES
-from capture_cli.log.input_sequences import InputSequences, LoggedInputs, input_sequences
+from capture_cli.log.input_sequences import Hold, InputSequences, LoggedInputs, input_sequences
 
 
 @frozen
@@ -132,11 +132,11 @@ class Spans:
 
 
 def cut(
-    samples: Log, duration: float | None, timestep: float, commands: np.ndarray, *, has_gaps: bool = True
+    samples: Log, duration: float | None, timestep: float, holds: Sequence[Hold], *, has_gaps: bool = True
 ) -> Windows:
     """Windows of `duration` seconds (whole episodes where None) of every episode.
 
-    timestep: the model's, s. commands (input,): from one step to the next, as of LoggedInputs. No step is in two
+    timestep: the model's, s. holds: how each input acts between steps. No step is in two
     windows, and none is left out but one that stands alone between two gaps. The tail of an episode that is shorter
     than half a window is joined to the window before it. has_gaps: False where time is known to have none, however
     uneven it is.
@@ -152,10 +152,10 @@ def cut(
             usual_interval(time[steps], sampled[steps]) if has_gaps else np.inf,
         )
     ]
-    return at_spans(Spans(*np.array(spans).T), samples, timestep, commands)
+    return at_spans(Spans(*np.array(spans).T), samples, timestep, holds)
 
 
-def at_spans(spans: Spans, samples: Log, timestep: float, commands: np.ndarray) -> Windows:
+def at_spans(spans: Spans, samples: Log, timestep: float, holds: Sequence[Hold]) -> Windows:
     """The windows of a log at `spans`, which may overlap; the rest is as for `cut`."""
     time, episodes = samples.time, samples.episodes
     episode, known_since, first, stop = spans.episode, spans.known_since, spans.first, spans.stop
@@ -165,7 +165,7 @@ def at_spans(spans: Spans, samples: Log, timestep: float, commands: np.ndarray) 
     lead = _steps(known.max(), timestep)
     ahead = _steps(SETTINGS.most_drift * elapsed.max(), timestep)
     sequences = input_sequences(
-        LoggedInputs(time, samples.inputs, timestep, commands),
+        LoggedInputs(time, samples.inputs, timestep, holds),
         first=first,
         # the input after a window's last sample is known, if not an episode's
         known=np.stack([known_since, [episodes[number].stop for number in episode]], axis=1),

@@ -192,7 +192,7 @@ def input_timing(record: Record) -> list[str]:
     look.
     """
     found = record.input_timing
-    not_held = found and any(i["interpolate"] != "hold" for i in found["inputs"].values())
+    not_held = found and any(i["interpolate"] != "hold" or i.get("late") for i in found["inputs"].values())
     return [found["text"]] if not_held else []
 
 

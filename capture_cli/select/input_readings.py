@@ -11,13 +11,15 @@ import numpy as np
 from capture_cli.estimate.balance.input_timing import (
     SETTINGS,
     InputTiming,
-    commands_told_apart,
+    Likelihoods,
     is_surely_better,
+    likeliest,
 )
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 from capture_cli.model.tasks.base import Task
 from capture_cli.select.balance_scores import screening_of
 from capture_cli.select.beam import BeamSettings, grown
@@ -33,42 +35,42 @@ PreparedAs = Callable[[Task], PreparedLog]
 
 @dataclass(frozen=True)
 class Reading:
-    """A log whose inputs have so many `commands` from row to row, of which the task does not say it: its screening, and
-    its best model.
-    """
+    """A log whose inputs act as `hold` says, of which the task does not say it: its screening, and its best model."""
 
     unread: Task
-    commands: float
+    hold: Hold
     screening: Screening
     model: BalancedModel
 
     @classmethod
-    def of(cls, unread: Task, commands: float, screening: Screening) -> Reading:
+    def of(cls, unread: Task, hold: Hold, screening: Screening) -> Reading:
         """With one effect at most. screening: of any reading."""
-        own = screening.read_as(_read(unread, commands).commands)
-        return cls(unread, commands, own, own.best())
+        own = screening.read_as(_read(unread, hold).holds)
+        return cls(unread, hold, own, own.best())
 
     @property
     def task(self) -> Task:
-        return _read(self.unread, self.commands)
+        return _read(self.unread, self.hold)
 
     def is_surely_better_than(self, other: Reading) -> bool:
         return is_surely_better(other.model.likelihood, self.model.likelihood)
 
-    def with_commands_between_rows(self) -> Reading:
-        """This one, of inputs that change evenly, or that of as many commands as are best with the same effects, none
-        or those of the model: what the record explains needs no effect, unless with one this is surely better.
+    def likeliest(self) -> Reading:
+        """This one, of inputs that change evenly, or that which is likeliest with the same effects, none or those of
+        the model: what the record explains needs no effect, unless with one this is surely better.
         """
         known = [self.screening.fitted(replace(self.model, effects=(), values=()))]
         known += [self.model] if self.model.effects else []
-        gains = {self.commands: 0.0}
-        for number in map(float, commands_told_apart(self.screening.balance)):
-            own = self.screening.read_as(_read(self.unread, number).commands)
-            gains[number] = max(own.fitted(model).gain(model)[0] for model in known)
-        likeliest = max(gains, key=gains.__getitem__)
-        if likeliest == self.commands:
+
+        def asked(hold: Hold) -> Likelihoods:
+            own = self.screening.read_as(_read(self.unread, hold).holds)
+            pairs = [(model.likelihood, own.fitted(model).likelihood) for model in known]
+            return max(pairs, key=lambda pair: (pair[1] - pair[0]).sum())
+
+        hold = likeliest(asked, self.screening.balance)
+        if hold == self.hold:
             return self
-        other = Reading.of(self.unread, likeliest, self.screening).with_best_of([self])
+        other = Reading.of(self.unread, hold, self.screening).with_best_of([self])
         return self if self.is_surely_better_than(other) else other
 
     def with_best_of(self, others: Sequence[Reading]) -> Reading:
@@ -93,16 +95,16 @@ def timings_with_effects(
     the log with one reading, one effect with the other has to be surely better. prepared_as: makes the log ready for
     another task. on_work is called before what takes long, which it may end by raising.
     """
-    log = replace(prepared, task=_read(prepared.task, 1.0))
+    log = replace(prepared, task=_read(prepared.task, HELD))
     screening = screening_of(log, LogParts.of(log).folds.balance, candidates, threads, lambda *_: on_work())
     if screening is None:
         return (), None
     screening.on_work = on_work
-    held = Reading(prepared.task, 1.0, screening, screening.best())
-    changing = Reading.of(prepared.task, np.inf, screening)
+    held = Reading(prepared.task, HELD, screening, screening.best())
+    changing = Reading.of(prepared.task, EVENLY, screening)
     if not held.is_surely_better_than(changing):
-        changing = changing.with_commands_between_rows()
-    told = {t.commands == 1 for t in prepared.input_timings}
+        changing = changing.likeliest()
+    told = {t.hold == HELD for t in prepared.input_timings}
     if told == {True}:
         best = changing if changing.is_surely_better_than(held) else held
     elif told:
@@ -111,8 +113,8 @@ def timings_with_effects(
         held, changing = _with_pairs(held, changing)
         best = changing if _changes(held, changing, prepared_as, threads) else held
     gain, error = best.model.gain((changing if best is held else held).model)
-    asked = (c.name for c in prepared.task.inputs if c.commands is None)
-    return tuple(InputTiming(name, best.commands, gain, error) for name in asked), best.screening
+    asked = (c.name for c in prepared.task.inputs if c.hold is None)
+    return tuple(InputTiming(name, best.hold, gain, error) for name in asked), best.screening
 
 
 def _with_pairs(held: Reading, changing: Reading) -> tuple[Reading, Reading]:
@@ -142,10 +144,10 @@ def _changes(held: Reading, changing: Reading, prepared_as: PreparedAs, threads:
     return _fits_better(held, changing, prepared_as, threads)
 
 
-def _read(unread: Task, commands: float) -> Task:
-    """The task with all inputs read alike of which it does not say how they act."""
+def _read(unread: Task, hold: Hold) -> Task:
+    """The task with all inputs acting alike of which it does not say how they act."""
     known = copy(unread)
-    known.inputs = tuple(replace(c, commands=commands) if c.commands is None else c for c in unread.inputs)
+    known.inputs = tuple(replace(c, hold=hold) if c.hold is None else c for c in unread.inputs)
     return known
 
 

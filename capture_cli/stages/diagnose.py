@@ -16,6 +16,7 @@ from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import EarlierSplit
 from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
+from capture_cli.log.input_sequences import HELD
 from capture_cli.options.base import takes_options
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select.candidates import all_candidates
@@ -88,8 +89,8 @@ def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit)
     look like another reading.
     """
     prepared, task = to_fit.prepared(held_out), to_fit.task
-    told = {t.commands == 1 for t in prepared.input_timings}
-    if len(told) > 1 or all(c.commands is not None for c in task.inputs):
+    told = {t.hold == HELD for t in prepared.input_timings}
+    if len(told) > 1 or all(c.hold is not None for c in task.inputs):
         return prepared
     unread, candidates = replace(prepared, task=task), all_candidates(prepared)
     again, threads = partial(to_fit.prepared, held_out), to_fit.options.threads
@@ -104,7 +105,7 @@ def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit)
     if not timings:
         return prepared
     read = with_timings(task, timings)
-    if (read.commands != prepared.task.commands).any():
+    if read.holds != prepared.task.holds:
         prepared = to_fit.prepared(held_out, read)
     return replace(prepared, input_timings=timings, screening=screening)
 

@@ -190,7 +190,7 @@ def _simulate(simulator: Simulator, driven: Drive, point: np.ndarray) -> np.ndar
     episodes = [slice(a, b) for a, b in zip([0, *driven.ends[:-1]], driven.ends, strict=True)]
     time = driven.time - driven.time[0]  # the inputs may be those of a log
     samples = Log(time, np.zeros((len(time), len(machine.outputs))), episodes, driven.inputs)
-    windows = cut(samples, None, machine.timestep, machine.commands, has_gaps=False)
+    windows = cut(samples, None, machine.timestep, machine.holds, has_gaps=False)
     try:
         initial = replace(driven.initial, time=windows.time)
         # an action says where the machine is when the log begins

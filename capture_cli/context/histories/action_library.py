@@ -205,7 +205,7 @@ def log_sequences(prepared: PreparedLog, point_times: np.ndarray) -> Sequences:
     grid = task.timestep * np.arange(round(lasts / task.timestep) + 1)
     inputs, outputs, whole = [], [], []
     clocked, episodes = clock(log), log.episodes
-    logged = LoggedInputs(clocked, log.inputs, task.timestep, task.commands)
+    logged = LoggedInputs(clocked, log.inputs, task.timestep, task.holds)
     before, until = -1, -np.inf  # episode and end of the sequence before
     for w, (episode, start, stop) in enumerate(
         zip(windows.episode, windows.time, _stops(windows), strict=True)

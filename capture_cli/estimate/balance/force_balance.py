@@ -32,7 +32,7 @@ from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.recorded_world import AT_JOINTS, RecordedWorld
 from capture_cli.estimate.balance.resting import mass_matrix
 from capture_cli.estimate.balance.trees import in_whole_trees, inverse_of, solved
-from capture_cli.log.input_sequences import LoggedInputs
+from capture_cli.log.input_sequences import Hold, LoggedInputs
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._periodic_force import PeriodicForce
@@ -170,12 +170,10 @@ class ForceBalance:
     def _null(self) -> _WorkedOut:
         return self._worked_out()
 
-    def read_as(self, commands: np.ndarray) -> ForceBalance:
-        """The balance with so many commands (input,) of each input from one row to the next."""
+    def read_as(self, holds: Sequence[Hold]) -> ForceBalance:
+        """The balance with inputs that act so between rows."""
         task = copy(self.smoothed.task)
-        task.inputs = tuple(
-            replace(c, commands=float(own)) for c, own in zip(task.inputs, commands, strict=True)
-        )
+        task.inputs = tuple(replace(c, hold=own) for c, own in zip(task.inputs, holds, strict=True))
         return ForceBalance(replace(self.smoothed, task=task), self.point, self.threads, self.acting)
 
     def of_parameter(self, index: int) -> Accelerations:
@@ -317,7 +315,7 @@ class ForceBalance:
         found = []
         for span in spans:
             time = log.time[span] - log.time[span.start]
-            inputs = LoggedInputs(time, log.inputs[span], task.timestep, task.commands).at(grid)
+            inputs = LoggedInputs(time, log.inputs[span], task.timestep, task.holds).at(grid)
             found.append(task.controls(inputs[None])[0])
         return np.array(found), grid
 

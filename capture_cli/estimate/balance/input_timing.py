@@ -1,22 +1,25 @@
-"""What an input does between the rows of a log: is it held, does it change evenly from one row to the next, or were
-there more commands than rows, of which the log has every n-th?
+"""What an input does between the rows of a log: is it held, does it change evenly from one row to the next, were there
+more commands than rows, or did it act before its row?
 
 A logger that writes every second command leaves rows between which the machine was told more. Held commands act later
-than even changes do: of n from row to row by (T / n - h) / 2, with rows T and steps of the model h apart. That looks
-like a delay, a lag or a mass that is not there. The force balance tells: what the declared model predicts of blocks
-that it was not fitted to, with the input read one way and the other.
+than even changes do: of n from row to row by (T / n - h) / 2, with rows T and steps of the model h apart. One that
+writes a command beside what it led to leaves commands that acted a row earlier. Both look like a delay, a lag or a mass
+that is not there. The force balance tells: what the declared model predicts of blocks that it was not fitted to, with
+the input read one way and the other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.regression import Sums, predicted, with_prior
 from capture_cli.estimate.balance.whitening import Whitening
+from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,8 @@ class InputTimingSettings:
     least: of predictive log likelihood; otherwise inputs stay as they were read. else_missing: of the variance of the
     sensors' noise in rows, how much more the model may be wrong by: beyond it something else is missing, which may look
     like another timing. hopeless: by how much more with one effect in it two are not asked. most: commands from row to
-    row that are told from an even change.
+    row that are told from an even change. early: rows, by which an input acts before its own where that is looked for,
+    and earliest, up to which it is; finest: in which steps.
     """
 
     blocks: int = 12
@@ -34,6 +38,9 @@ class InputTimingSettings:
     else_missing: float = 3.0
     hopeless: float = 100.0
     most: int = 5
+    early: float = 0.25
+    earliest: float = 2.0
+    finest: float = 0.02
 
 
 SETTINGS = InputTimingSettings()
@@ -41,12 +48,12 @@ SETTINGS = InputTimingSettings()
 
 @dataclass(frozen=True)
 class InputTiming:
-    """Of one input: how many commands it has from row to row, as of `Channel`, and the gain of that over being held in
-    predictive log likelihood, or where it is held over changing evenly; with its standard error over blocks.
+    """How one input acts, and the gain of that over being held in predictive log likelihood, or where it is held over
+    changing evenly; with its standard error over blocks.
     """
 
     name: str
-    commands: float
+    hold: Hold
     gain: float
     error: float
 
@@ -56,22 +63,22 @@ def input_timings(
     whitening: Whitening,
     rows: Sequence[np.ndarray],
     names: Sequence[str],
-    commands: np.ndarray,
+    holds: Sequence[Hold],
     settings: InputTimingSettings = SETTINGS,
 ) -> tuple[list[InputTiming], bool]:
     """How each input acts, and whether that is all: what is missing may look like another timing, and one that is not
     surely better may still be right.
 
-    balance, whitening: at values of the declared parameters; rows: of these; names, commands (input,): of the inputs,
-    and how they are read in it.
+    balance, whitening: at values of the declared parameters; rows: of these; names, holds: of the inputs, and how they
+    act in it.
 
     All inputs are first read the other way together, then each by itself beside the better of these; last those that
-    change evenly are asked for commands between rows, together.
+    change evenly are asked for commands between rows, and for acting before their rows, together.
     """
     columns = [c * balance.smoothed.task.space.span for c in rows]
     blocks = whitening.blocks(settings.blocks)
 
-    def likelihood(read: np.ndarray) -> np.ndarray:
+    def likelihood(read: Sequence[Hold]) -> np.ndarray:
         """(block,)"""
         target = whitening.rows([balance.read_as(read).null])
         _adapt(whitening, target, columns)
@@ -79,36 +86,64 @@ def input_timings(
         sums = Sums.of(-white, np.concatenate(whitening.whitened(columns)), whitening.block_of_row(blocks))
         return np.bincount(blocks, weights=whitening.log_determinants()) - 0.5 * predicted(sums)
 
-    read, known = commands, likelihood(commands)
-    if len(commands) > 1 and is_surely_better(known, other := likelihood(_turned(commands)), settings):
-        read, known = _turned(commands), other
+    read, known = list(holds), likelihood(holds)
+    if len(holds) > 1 and is_surely_better(known, other := likelihood(_turned(read)), settings):
+        read, known = _turned(read), other
     gains = []
     for k in range(len(names)):
-        turned = np.where(np.arange(len(names)) == k, _turned(read), read)
+        turned = [*read[:k], *_turned(read[k : k + 1]), *read[k + 1 :]]
         other = likelihood(turned)
         if is_surely_better(known, other, settings):
             read, known, other = turned, other, known
         gains.append(sum_and_error(known - other))
-    numbers = commands_told_apart(balance, settings) if (read > 1).any() else ()
-    others = [(likelihood(own), own) for own in (np.where(read > 1, float(n), read) for n in numbers)]
-    known, read = max([(known, read), *others], key=lambda own: own[0].sum())
+    if EVENLY in read:
+
+        def otherwise(hold: Hold) -> list[Hold]:
+            return [hold if own == EVENLY else own for own in read]
+
+        read = otherwise(likeliest(lambda hold: (known, likelihood(otherwise(hold))), balance, settings))
     contradicted = any(gain < -settings.least for gain, _ in gains)
     likelihood(read)
-    found = [InputTiming(name, float(n), *own) for name, n, own in zip(names, read, gains, strict=True)]
+    found = [InputTiming(name, hold, *own) for name, hold, own in zip(names, read, gains, strict=True)]
     return found, whitening.beyond_noise < settings.else_missing and not contradicted
 
 
-def commands_told_apart(balance: ForceBalance, settings: InputTimingSettings = SETTINGS) -> range:
-    """The numbers of commands from row to row, beyond one, that differ from an even change by a step of the model."""
+Likelihoods = tuple[np.ndarray, np.ndarray]  # (block,) each
+
+
+def likeliest(
+    asked: Callable[[Hold], Likelihoods], balance: ForceBalance, settings: InputTimingSettings = SETTINGS
+) -> Hold:
+    """How inputs act that change evenly, or almost.
+
+    asked: gives the likelihoods of an even change, and of another hold. That an input acts before its row has to be
+    surely better: it is the record's fault.
+    """
     smoothed = balance.smoothed
-    rows = float(np.median(np.concatenate([np.diff(smoothed.log.time[p]) for p in smoothed.parts])))
-    finest = int(np.ceil(rows / smoothed.task.timestep - 1e-6))
-    return range(2, min(settings.most + 1, finest))
+    row = float(np.median(np.concatenate([np.diff(smoothed.log.time[p]) for p in smoothed.parts])))
+    # more differ from an even change by less than a step of the model
+    most = min(settings.most, int(np.ceil(row / smoothed.task.timestep - 1e-6)) - 1)
+    gains = {EVENLY: 0.0}
+    for hold in [Hold(float(n)) for n in range(2, most + 1)]:
+        evenly, other = asked(hold)
+        gains[hold] = float((other - evenly).sum())
+    if is_surely_better(*asked(Hold(np.inf, -settings.early * row)), settings):
+        early = minimize_scalar(
+            lambda late: float(np.subtract(*asked(Hold(np.inf, late))).sum()),
+            bounds=(-settings.earliest * row, 0.0),
+            method="bounded",
+            options={"xatol": settings.finest * row},
+        )
+        whole, shifted = Hold(1.0, -row), Hold(np.inf, float(early.x))
+        # a record that is late by a whole row is a likelier fault
+        likelier = is_surely_better(asked(whole)[1], asked(shifted)[1], settings)
+        gains[shifted if likelier else whole] = -float(early.fun)
+    return max(gains, key=gains.__getitem__)
 
 
-def _turned(commands: np.ndarray) -> np.ndarray:
+def _turned(holds: Sequence[Hold]) -> list[Hold]:
     """Held where they change evenly, and the other way round."""
-    return np.where(commands == 1, np.inf, 1.0)
+    return [EVENLY if hold == HELD else HELD for hold in holds]
 
 
 def is_surely_better(known: np.ndarray, other: np.ndarray, settings: InputTimingSettings = SETTINGS) -> bool:

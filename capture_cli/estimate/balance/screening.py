@@ -21,6 +21,7 @@ from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalan
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted, with_prior
 from capture_cli.estimate.balance.whitening import Whitening
+from capture_cli.log.input_sequences import Hold
 from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.placed import Placed
 
@@ -140,9 +141,9 @@ class Screening:
         """In the balance of the declared model, from `point` (parameter,) of its task on."""
         return cls(*declared_balance(smoothed, point, threads), placed, on_step=on_step)
 
-    def read_as(self, commands: np.ndarray) -> Screening:
-        """The same with so many commands (input,) of each input from one row to the next."""
-        balance = self.balance.read_as(commands)
+    def read_as(self, holds: Sequence[Hold]) -> Screening:
+        """The same with inputs that act so between rows."""
+        balance = self.balance.read_as(holds)
         whitening = copy(self.whitening)
         whitening.balance = balance
         return self._in(balance, whitening)
@@ -285,7 +286,8 @@ class Screening:
         rows = [[t[..., :0].astype(np.float32) for t in self.target]]
         for number, one in enumerate(placed):
             on_step("balance", number, len(placed))
-            own = list(atoms(self.balance, one))
+            with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what runs away is left out
+                own = list(atoms(self.balance, one))
             if own:
                 self.atoms += [atom for atom, _ in own]
                 columns = [c for _, columns in own for c in columns]

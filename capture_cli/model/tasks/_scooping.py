@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.common.frozen import frozen
+from capture_cli.log.input_sequences import EVENLY
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, LogColumns
@@ -43,7 +44,7 @@ class ScoopingPlant(ActionTask):
         self.space = ParameterSpace([Parameter("com", "1", -1.0, 1.0, nominal=0.0, step=SETTINGS.com_step)])
         self.actions = ParameterSpace([Parameter("scoop_point", "1", -1.0, 1.0, nominal=0.0)])
         self.inputs = tuple(
-            Channel(f"{name}_target", "m", f"{name}_target", self.model.actuator(name).id, commands=np.inf)
+            Channel(f"{name}_target", "m", f"{name}_target", self.model.actuator(name).id, hold=EVENLY)
             for name in ("spatula_x", "spatula_z")
         )
         self.outputs = tuple(

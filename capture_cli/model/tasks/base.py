@@ -12,18 +12,10 @@ from typing import Any, Self
 import mujoco
 import numpy as np
 
+from capture_cli.log.input_sequences import HELD, Hold
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.states import InitialStates
-
-# How many commands an input has from row to row, by what a task file calls it.
-INTERPOLATED = {"hold": 1.0, "linear": np.inf}
-
-
-def interpolate_of(commands: float) -> str | int:
-    """What a task file calls an input with so many commands from row to row."""
-    names = {number: name for name, number in INTERPOLATED.items()}
-    return names.get(commands) or int(commands)
 
 
 @dataclass(frozen=True)
@@ -33,10 +25,8 @@ class Channel:
     index: the actuator (inputs) or the column of sensordata (outputs) it belongs to. sensor: the output's sensor id.
     noise_sd: known standard deviation of an output's noise, in `unit`; None where it is to be estimated. period: after
     which an output's column begins anew, in its own unit: 360 for a heading in degrees; None where it does not.
-    commands: how many commands an input has from one row to the next: 1 where it is held; n where the log has every
-    n-th, and the others lie evenly between; inf where it changes evenly. None where nobody says, and it is held until
-    the log tells. sparse: whether an output may have no
-    value in some rows of a log, as a sensor that is slower than the others.
+    hold: how an input acts between rows of a log; None where nobody says, and it is held until the log tells. sparse:
+    whether an output may have no value in some rows of a log, as a sensor that is slower than the others.
     """
 
     name: str
@@ -47,7 +37,7 @@ class Channel:
     scale: float = 1.0
     offset: float = 0.0
     noise_sd: float | None = None
-    commands: float | None = 1.0
+    hold: Hold | None = HELD
     period: float | None = None
     sparse: bool = False
 
@@ -115,9 +105,9 @@ class Task(ABC):
         return float(self.model.opt.timestep)
 
     @property
-    def commands(self) -> np.ndarray:
-        """How many commands each input has from one row of a log to the next, (input,), as of `Channel`."""
-        return np.array([1.0 if c.commands is None else c.commands for c in self.inputs])
+    def holds(self) -> tuple[Hold, ...]:
+        """How each input acts between rows of a log."""
+        return tuple(HELD if c.hold is None else c.hold for c in self.inputs)
 
     def controls(self, inputs: np.ndarray) -> np.ndarray:
         """Inputs (..., input) as ctrl (..., nu); actuators that are no input get 0."""

@@ -17,11 +17,11 @@ from capture_cli.model.quaternion_signs import is_quaternion
 from capture_cli.model.sensor_units import factor_between, refuse_other_units, refuse_period_in_other_unit
 from capture_cli.model.target_names import least_value, object_id, parse_target, split_target
 from capture_cli.model.targets import Target
-from capture_cli.model.tasks.base import INTERPOLATED, Channel, LogColumns, Task
+from capture_cli.model.tasks.base import Channel, LogColumns, Task
+from capture_cli.model.tasks.input_hold import hold_of
 from capture_cli.model.tasks.reward import Goal, Reward
 
 FORMAT = 1
-MOST_COMMANDS = 100  # from row to row: of more the input changes evenly
 
 
 _JOINT_SENSORS = {
@@ -98,7 +98,7 @@ class MjcfFile(Task):
         return Parameter(name, unit, low, high, min(max(nominal, low), high)), targets
 
     def _input(self, name: str, entry: dict[str, Any], where: str) -> Channel:
-        _known(entry, {"column", "unit", "column_unit", "scale", "offset", "interpolate"}, where)
+        _known(entry, {"column", "unit", "column_unit", "scale", "offset", "interpolate", "late"}, where)
         number = object_id(self.model, "actuator", name, where)
         self._check_actuator(number, name, where)
         return Channel(
@@ -108,7 +108,7 @@ class MjcfFile(Task):
             index=number,
             scale=_scale(entry, where),
             offset=_value(entry, "offset", float, where, default=0.0),
-            commands=_commands(entry.get("interpolate"), where),
+            hold=hold_of(entry, where),
         )
 
     def _check_actuator(self, number: int, name: str, where: str) -> None:
@@ -349,21 +349,6 @@ def _given(table: dict[str, Any], key: str) -> str:
 
 
 _REQUIRED = object()
-
-
-def _commands(interpolate: Any, where: str) -> float | None:
-    """How many commands an input has from row to row, as of `Channel`. Raises TaskError where that is none."""
-    if interpolate is None:
-        return None
-    if isinstance(interpolate, str) and interpolate in INTERPOLATED:
-        return INTERPOLATED[interpolate]
-    if type(interpolate) is int and 2 <= interpolate <= MOST_COMMANDS:
-        return float(interpolate)
-    raise TaskError(
-        f"{where}: interpolate = {interpolate!r}",
-        cure=f'write "hold", "linear", or a whole number from 2 to {MOST_COMMANDS}: n where the log has every n-th '
-        "command; or leave it out to let the log tell",
-    )
 
 
 def _value(table: dict[str, Any], key: str, kind: type, where: str, default: Any = _REQUIRED) -> Any:

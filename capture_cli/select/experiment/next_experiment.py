@@ -99,7 +99,7 @@ def driven_windows(task: Task, time: np.ndarray, sequences: np.ndarray) -> Windo
         [slice(steps * k, steps * (k + 1)) for k in range(count)],
         np.concatenate(sequences),
     )
-    return replace(cut(samples, None, task.timestep, task.commands), first=None)
+    return replace(cut(samples, None, task.timestep, task.holds), first=None)
 
 
 def driven_motion(

@@ -20,12 +20,14 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.intervals import Intervals
 from capture_cli.estimate.time_step import ShorterStep
 from capture_cli.log.checks.even_times import jitter
+from capture_cli.log.input_sequences import Hold
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.effects.base import Effect
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.mjcf.impossible_inertia import impossible_inertias
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.model.tasks.base import Task, interpolate_of
+from capture_cli.model.tasks.base import Task
+from capture_cli.model.tasks.input_hold import keys_of
 from capture_cli.simulate.simulator import InitialConditions
 from capture_cli.stages.documents.undetermined_document import undetermined_of
 from capture_cli.store.output import sha256
@@ -216,26 +218,28 @@ def input_timing_of(prepared: PreparedLog) -> dict[str, Any] | None:
     if not prepared.input_timings:
         return None
     said = []
-    for commands in sorted({t.commands for t in prepared.input_timings}, reverse=True):
-        names = [t.name for t in prepared.input_timings if t.commands == commands]
-        line = f"interpolate = {json.dumps(interpolate_of(commands))}"
-        said.append(
-            f"{', '.join(names)} {_acting(commands)} (write {line} in [inputs.{names[0]}] to settle it)"
-        )
+    for hold in dict.fromkeys(t.hold for t in prepared.input_timings):
+        names = [t.name for t in prepared.input_timings if t.hold == hold]
+        lines = "; ".join(f"{key} = {json.dumps(value)}" for key, value in keys_of(hold).items())
+        said.append(f"{', '.join(names)} {_acting(hold)} (write {lines} in [inputs.{names[0]}] to settle it)")
     return {
         "inputs": {
-            t.name: {"interpolate": interpolate_of(t.commands), "gain": t.gain, "error": t.error}
+            t.name: {"late": 0.0, **keys_of(t.hold), "gain": t.gain, "error": t.error}
             for t in prepared.input_timings
         },
         "text": f"What inputs do between rows the task does not say, and the log tells: {'; '.join(said)}.",
     }
 
 
-def _acting(commands: float) -> str:
-    """What an input with so many commands from row to row does."""
-    if np.isinf(commands):
-        return "change evenly from row to row"
-    return f"have {commands:.0f} commands from row to row" if commands > 1 else "are held from row to row"
+def _acting(hold: Hold) -> str:
+    """What inputs that act so do."""
+    if np.isinf(hold.commands):
+        between = "change evenly from row to row"
+    elif hold.commands > 1:
+        between = f"have {hold.commands:.0f} commands from row to row"
+    else:
+        between = "are held from row to row"
+    return f"{between} and act {-1e3 * hold.late:.3g} ms before their rows" if hold.late else between
 
 
 def time_stamps_of(prepared: PreparedLog, stamps: TimeStampJitter | None) -> dict[str, Any] | None:

@@ -126,7 +126,7 @@ def acted(task: ActionTask, actions: np.ndarray, rate: float) -> Drive:
     driven = task.episodes(actions)
     steps, episodes = _steps(task, rate), len(actions)
     time = np.arange(steps) / rate
-    inputs = np.stack([_sampled(sequence, task.timestep, time, task.commands) for sequence in driven.inputs])
+    inputs = np.stack([_sampled(sequence, task, time) for sequence in driven.inputs])
     return Drive(
         time=np.tile(time, episodes),
         inputs=inputs.reshape(episodes * steps, -1),
@@ -153,18 +153,20 @@ def _actions(task: ActionTask, asked: RecordOptions, generator: np.random.Genera
     return chooser.act(believed, generator.random((asked.episodes, len(task.actions))))
 
 
-def _sampled(sequence: np.ndarray, timestep: float, time: np.ndarray, commands: np.ndarray) -> np.ndarray:
-    """Inputs (grid, input) at `time` (step,): the mean over the first of so many commands (input,) that there are until
-    the next sample; the value where they change evenly.
+def _sampled(sequence: np.ndarray, task: Task, time: np.ndarray) -> np.ndarray:
+    """Inputs (grid, input) at `time` (step,): the mean over the first of the commands that there are until the next
+    sample; the value where they change evenly.
     """
+    timestep = task.timestep
     grid = timestep * np.arange(len(sequence) + 1)
     until = np.diff(time, append=2 * time[-1] - time[-2])
     values = np.empty((len(time), sequence.shape[1]))
-    for k, column in enumerate(sequence.T):
-        if np.isinf(commands[k]):
-            values[:, k] = np.interp(time, grid[:-1], column)
+    for k, (hold, column) in enumerate(zip(task.holds, sequence.T, strict=True)):
+        acts = time + hold.late
+        if np.isinf(hold.commands):
+            values[:, k] = np.interp(acts, grid[:-1], column)
             continue
-        edges = np.stack([time, time + until / commands[k]])
+        edges = np.stack([acts, acts + until / hold.commands])
         # past its end a sequence holds its last value
         after = np.maximum(edges - grid[-1], 0.0) * column[-1]
         travelled = np.interp(edges, grid, np.append(0.0, timestep * np.cumsum(column))) + after
