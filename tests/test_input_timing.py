@@ -52,6 +52,15 @@ def test_what_the_task_says_is_not_asked_again():
     assert prepared.input_timings == () and set(prepared.task.holds) <= {HELD}
 
 
+@pytest.mark.parametrize("machine", ["slider", "pan_tilt"])
+def test_commands_that_are_written_a_row_late_act_before_their_rows(machine):
+    task, log, _ = Case(NOTHING, machine, (), 1.0, 5, dress="row-late", episodes=6).build()
+    prepared = prepare(log, task, **QUIET)
+    assert len(prepared.input_timings) == len(task.inputs)
+    for timing in prepared.input_timings:
+        assert timing.hold.commands == 1 and timing.hold.late == pytest.approx(-0.004)
+
+
 @pytest.mark.parametrize(
     ("effect", "magnitude", "dress", "commands"),
     [

@@ -11,7 +11,14 @@ import numpy as np
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
 
-PLAIN, NO_WINDOW, HALF, QUARTER, FILTERED = "plain", "no-window", "half-rate", "quarter-rate", "filtered"
+PLAIN, NO_WINDOW, HALF, QUARTER, LATE, FILTERED = (
+    "plain",
+    "no-window",
+    "half-rate",
+    "quarter-rate",
+    "row-late",
+    "filtered",
+)
 CUTOFF = 1 / 8  # of the sampling rate
 SETTLING = 64  # samples that the filter has seen before an episode begins
 
@@ -35,6 +42,14 @@ def _every(rows: int) -> Dress:
     return thinned
 
 
+def _row_late(log: MeasuredLog) -> MeasuredLog:
+    """Each row has the command that led to it: it acted from the row before on."""
+    inputs = log.inputs.copy()
+    for episode in log.episodes:
+        inputs[episode.start + 1 : episode.stop] = log.inputs[episode][:-1]
+    return replace(log, inputs=inputs)
+
+
 def _filtered(log: MeasuredLog) -> MeasuredLog:
     """Outputs, noise and all, behind a causal low-pass of second order (Butterworth)."""
     from scipy.signal import butter, lfilter
@@ -54,6 +69,7 @@ DRESSES: Mapping[str, Dress] = {
     NO_WINDOW: lambda log: log,
     HALF: _every(2),
     QUARTER: _every(4),
+    LATE: _row_late,
     FILTERED: _filtered,
 }
 

@@ -134,10 +134,10 @@ def likeliest(
             method="bounded",
             options={"xatol": settings.finest * row},
         )
-        whole, shifted = Hold(1.0, -row), Hold(np.inf, float(early.x))
-        # a record that is late by a whole row is a likelier fault
-        likelier = is_surely_better(asked(whole)[1], asked(shifted)[1], settings)
-        gains[shifted if likelier else whole] = -float(early.fun)
+        # held commands that act a row earlier are as late as that: within half a step the balance tells no difference
+        step = smoothed.task.timestep
+        is_whole = abs(early.x + (row + step) / 2) < step / 2
+        gains[Hold(1.0, -row) if is_whole else Hold(np.inf, float(early.x))] = -float(early.fun)
     return max(gains, key=gains.__getitem__)
 
 
