@@ -52,8 +52,18 @@ class Reading:
     def task(self) -> Task:
         return _read(self.unread, self.hold)
 
-    def is_surely_better_than(self, other: Reading) -> bool:
-        return is_surely_better(other.model.likelihood, self.model.likelihood)
+    def is_surely_better_than(self, other: Reading, *, in_own_balance: bool = False) -> bool:
+        """in_own_balance: each in that of its effects, too. A sensor's effect moves the states of a balance, not the
+        noise in it, by which a few nats in a thousand rows are made up.
+        """
+        sure = is_surely_better(other.model.likelihood, self.model.likelihood)
+        if not sure or not in_own_balance:
+            return sure
+        return is_surely_better(*(own._in_own_balance().likelihood for own in (other, self)))
+
+    def _in_own_balance(self) -> BalancedModel:
+        model = self.model
+        return self.screening.about(model.point, model.effects, model.values).fitted(model)
 
     def likeliest(self) -> Reading:
         """This one, of inputs that change evenly, or that which is likeliest with the same effects, none or those of
@@ -104,14 +114,15 @@ def timings_with_effects(
     changing = Reading.of(prepared.task, EVENLY, screening)
     if not held.is_surely_better_than(changing):
         changing = changing.likeliest()
-    told = {t.hold == HELD for t in prepared.input_timings}
-    if told == {True}:
-        best = changing if changing.is_surely_better_than(held) else held
-    elif told:
-        best = held if held.is_surely_better_than(changing) else changing
+    told = {t.hold for t in prepared.input_timings}
+    if told:
+        known, other = (held, changing) if HELD in told else (changing, held)
+        best = other if other.is_surely_better_than(known, in_own_balance=True) else known
     else:
         held, changing = _with_pairs(held, changing)
         best = changing if _changes(held, changing, prepared_as, threads) else held
+    if told == {best.hold}:
+        return prepared.input_timings, best.screening
     gain, error = best.model.gain((changing if best is held else held).model)
     asked = (c.name for c in prepared.task.inputs if c.hold is None)
     return tuple(InputTiming(name, best.hold, gain, error) for name in asked), best.screening
