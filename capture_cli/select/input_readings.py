@@ -125,7 +125,9 @@ def timings_with_effects(
         return prepared.input_timings, best.screening
     gain, error = best.model.gain((changing if best is held else held).model)
     asked = (c.name for c in prepared.task.inputs if c.hold is None)
-    return tuple(InputTiming(name, best.hold, gain, error) for name in asked), best.screening
+    return tuple(
+        InputTiming(name, best.hold, gain, error, best.model.beyond_noise) for name in asked
+    ), best.screening
 
 
 def _with_pairs(held: Reading, changing: Reading) -> tuple[Reading, Reading]:

@@ -12,11 +12,11 @@ import numpy as np
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.training_state import check_recipe
 from capture_cli.errors import Interrupted
+from capture_cli.estimate.balance.input_timing import SETTINGS as INPUT_TIMING
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import EarlierSplit
 from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
-from capture_cli.log.input_sequences import HELD
 from capture_cli.options.base import takes_options
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select.candidates import all_candidates
@@ -85,12 +85,13 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
 def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit) -> PreparedLog:
     """The log made ready; where something is missing, how inputs act is told by the best effect with each reading.
 
-    What the declared model alone says of them, of all alike, is asked again with an effect in: a missing effect may
-    look like another reading.
+    What the declared model alone says of them, of all alike, is asked again with an effect in where it leaves more than
+    noise: a missing effect may look like another reading.
     """
     prepared, task = to_fit.prepared(held_out), to_fit.task
-    told = {t.hold == HELD for t in prepared.input_timings}
-    if len(told) > 1 or all(c.hold is not None for c in task.inputs):
+    told = prepared.input_timings
+    settled = told and (len({t.hold for t in told}) > 1 or told[0].beyond_noise < INPUT_TIMING.asked_again)
+    if settled or all(c.hold is not None for c in task.inputs):
         return prepared
     unread, candidates = replace(prepared, task=task), all_candidates(prepared)
     again, threads = partial(to_fit.prepared, held_out), to_fit.options.threads

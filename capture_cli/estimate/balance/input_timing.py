@@ -27,15 +27,17 @@ class InputTimingSettings:
     """blocks: that are left out in turn. sure: standard errors over blocks by which one reading has to be better, and
     least: of predictive log likelihood; otherwise inputs stay as they were read. else_missing: of the variance of the
     sensors' noise in rows, how much more the model may be wrong by: beyond it something else is missing, which may look
-    like another timing. hopeless: by how much more with one effect in it two are not asked. most: commands from row to
-    row that are told from an even change. early: rows, by which an input acts before its own where that is looked for,
-    and earliest, up to which it is; finest: in which steps.
+    like another timing. asked_again: beyond which an effect may tell of another timing than the declared model alone.
+    hopeless: by how much more with one effect in it two are not asked. most: commands from row to row that are told
+    from an even change. early: rows, by which an input acts before its own where that is looked for, and earliest, up
+    to which it is; finest: in which steps.
     """
 
     blocks: int = 12
     sure: float = 3.0
     least: float = 5.0
     else_missing: float = 3.0
+    asked_again: float = 0.1
     hopeless: float = 100.0
     most: int = 5
     early: float = 0.25
@@ -49,13 +51,14 @@ SETTINGS = InputTimingSettings()
 @dataclass(frozen=True)
 class InputTiming:
     """How one input acts, and the gain of that over being held in predictive log likelihood, or where it is held over
-    changing evenly; with its standard error over blocks.
+    changing evenly; with its standard error over blocks. beyond_noise: what the model leaves, as of `Whitening`.
     """
 
     name: str
     hold: Hold
     gain: float
     error: float
+    beyond_noise: float
 
 
 def input_timings(
@@ -104,8 +107,11 @@ def input_timings(
         read = otherwise(likeliest(lambda hold: (known, likelihood(otherwise(hold))), balance, settings))
     contradicted = any(gain < -settings.least for gain, _ in gains)
     likelihood(read)
-    found = [InputTiming(name, hold, *own) for name, hold, own in zip(names, read, gains, strict=True)]
-    return found, whitening.beyond_noise < settings.else_missing and not contradicted
+    beyond = whitening.beyond_noise
+    found = [
+        InputTiming(name, hold, *own, beyond) for name, hold, own in zip(names, read, gains, strict=True)
+    ]
+    return found, beyond < settings.else_missing and not contradicted
 
 
 Likelihoods = tuple[np.ndarray, np.ndarray]  # (block,) each
