@@ -25,15 +25,20 @@ INTERVAL = (2.5, 97.5)  # %
 
 @dataclass(frozen=True)
 class Judged:
-    """Of one identifier and its policy: distance and success (pair, round), m and of no unit."""
+    """Of one identifier and its policy: distance, in `unit`, and success (pair, round)."""
 
     distance: np.ndarray
     success: np.ndarray
+    unit: str
 
     @classmethod
     def read(cls, folder: Path) -> Judged:
-        arrays = Evaluation.read(folder).arrays
-        return cls(*(arrays[name][0, 0].astype(float) for name in ("trajectory_difference", "success")))
+        found = Evaluation.read(folder)
+        distance, success = (
+            found.arrays[name][0, 0].astype(float) for name in ("trajectory_difference", "success")
+        )
+        unit = found.attributes["features"][0]["unit"]
+        return cls(100 * distance, success, "cm") if unit == "m" else cls(distance, success, unit)
 
 
 def main(folder: Path, picture: Path) -> None:
@@ -45,10 +50,7 @@ def main(folder: Path, picture: Path) -> None:
         print(f"{name}: distance at {rounds - 1} over that at 0 {_with_interval(_gain(of.distance, chosen))}")
         print(f"  success {[int(n) for n in of.success.sum(axis=0)]} of {pairs}")
     before, after = (of.success[:, -1] for of in judged.values())
-    ratio = np.append(after.sum(), after[chosen].sum(axis=1)) / np.append(
-        before.sum(), before[chosen].sum(axis=1)
-    )
-    print(f"success after over before {_with_interval(ratio)}")
+    print(f"success after over before {_with_interval(_ratio(after, before, chosen))}")
     print(f"  only after {int((after > before).sum())}, only before {int((after < before).sum())}")
     _draw(judged, chosen, picture)
 
@@ -59,8 +61,17 @@ def _gain(distance: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     return np.append(distance[:, -1].mean() / distance[:, 0].mean(), of_draws[:, -1] / of_draws[:, 0])
 
 
+def _ratio(after: np.ndarray, before: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Of all pairs first, then as they are drawn; infinite where none succeeded before, 1 where none did at all."""
+    after, before = (np.append(of.sum(), of[chosen].sum(axis=1)) for of in (after, before))
+    ratio = np.full(len(after), np.inf)
+    ratio[(before == 0) & (after == 0)] = 1
+    return np.divide(after, before, out=ratio, where=before > 0)
+
+
 def _with_interval(values: np.ndarray) -> str:
-    low, high = np.percentile(values[1:], INTERVAL)
+    # one of the values: between two infinite ones there is none
+    low, high = np.percentile(values[1:], INTERVAL, method="nearest")
     return f"{values[0]:.3g} (95 %: {low:.3g} to {high:.3g})"
 
 
@@ -69,14 +80,15 @@ def _draw(judged: dict[str, Judged], chosen: np.ndarray, picture: Path) -> None:
     axes = figure.subplots(1, 2)
     for name, of in judged.items():
         label, colour = NAMES[name]
-        for axis, values in zip(axes, (100 * of.distance, of.success), strict=True):
+        for axis, values in zip(axes, (of.distance, of.success), strict=True):
             rounds = np.arange(values.shape[1])
             low, high = np.percentile(values[chosen].mean(axis=1), INTERVAL, axis=0)
             axis.fill_between(rounds, low, high, color=PALETTE[colour], alpha=0.15, lw=0)
             axis.plot(rounds, values.mean(axis=0), color=PALETTE[colour], label=label)
-    for axis, title in zip(axes, ("trajectory difference, cm", "task success"), strict=True):
+    unit = judged["declared"].unit
+    for axis, title in zip(axes, (f"trajectory difference, {unit}", "task success"), strict=True):
         axis.set_title(title, loc="left", fontsize=10)
-        axis.set_xlabel("measured strokes", color=MUTED)
+        axis.set_xlabel("measured rollouts", color=MUTED)
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.tick_params(colors=INK, labelsize=9)
         axis.spines[["top", "right"]].set_visible(False)
