@@ -111,16 +111,18 @@ class Points:
 
 @dataclass(frozen=True)
 class _WorkedOut:
-    """forces, and what they come from: what is `applied` but by contacts, the dry friction in it, the acceleration by
-    what is applied, which is `free`, and by how much contacts `pushed`, (point, nv) each; how many contacts there are,
-    (point,); and the inertia, as mjData.M packs it.
+    """forces, and what they come from: what is `applied` but by contacts, without dry friction `smooth`, that friction,
+    the acceleration by what is applied, which is `free`, and by how much contacts `pushed`, and what they `push` by,
+    (point, nv) each; how many contacts there are, (point,); and the inertia, as mjData.M packs it.
     """
 
     forces: Accelerations
     applied: np.ndarray
+    smooth: np.ndarray
     friction: np.ndarray
     free: np.ndarray
     pushed: np.ndarray
+    push: np.ndarray
     contacts: np.ndarray
     inertia: np.ndarray
 
@@ -481,6 +483,12 @@ class ForceBalance:
         mujoco.mj_setConst(model, mujoco.MjData(model))
         return model
 
+    def _differs_in_friction_alone(self, model: mujoco.MjModel) -> bool:
+        """Whether it is the model as it is but for dry friction, which is worked out here."""
+        one, other = copy(model), copy(self._model)
+        one.dof_frictionloss[:] = other.dof_frictionloss[:] = 0.0
+        return _as_bytes(one) == _as_bytes(other)
+
     def _runner(self, model: mujoco.MjModel) -> batch.Batch:
         """A simulation at every point, none of which is stepped."""
         runner = batch.Batch(model, len(self.points), self.threads)
@@ -511,28 +519,35 @@ class ForceBalance:
 
     def _worked_out(self, *, point=None, writing=None, state=None, controls=None) -> _WorkedOut:
         """As of `_forces`."""
+        moved = state is not None or controls is not None
         state = self.state if state is None else state
         if point is None and writing is None:
             model, runner = self._model, self._plain
         else:
             writing = self._acting("model") if writing is None else writing
             model = self._written(self.point if point is None else point, writing)
-            runner = self._runner(model)
-        inertia, push, contacts = (runner.bind(name) for name in ("M", "qfrc_constraint", "ncon"))
-        applied = self._set(runner, state, self.controls if controls is None else controls)
-        friction = np.zeros_like(applied)
+            runner = None
+        if runner is None and not moved and self._differs_in_friction_alone(model):
+            null = self._null
+            smooth, push, contacts, inertia = null.smooth, null.push, null.contacts, null.inertia
+        else:
+            runner = self._runner(model) if runner is None else runner
+            inertia, push, contacts = (runner.bind(name) for name in ("M", "qfrc_constraint", "ncon"))
+            smooth = self._set(runner, state, self.controls if controls is None else controls)
+        friction = np.zeros_like(smooth)
         if model.dof_frictionloss.any():
             same = "_null" in self.__dict__ and np.array_equal(inertia, self._null.inertia)
             inverse = self._own_inverse_mass if same else self._inverse_mass(model, inertia)
-            friction = self._friction(model, inverse, applied, model.dof_frictionloss, state)
-        applied = applied + friction
+            friction = self._friction(model, inverse, smooth, model.dof_frictionloss, state)
+        applied = smooth + friction
         felt = self._holding(_felt(model, inertia))
         free = solved(model, felt, np.where(self.at_rest, state[2], applied))
         pushed = np.zeros_like(free)
         if self.unshown.size:
             pushed = solved(model, felt, np.where(self.at_rest, 0.0, push))
         forces = Accelerations(state[2], self._resting(free, pushed))
-        return _WorkedOut(forces, applied, friction, free, pushed, contacts.copy(), inertia.copy())
+        kept = (a.copy() for a in (push, contacts, inertia))
+        return _WorkedOut(forces, applied, smooth, friction, free, pushed, *kept)
 
     def _resting(self, free: np.ndarray, pushed: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
         """Accelerations (point, nv) of what moves by `free` without contacts, and is `pushed` by them as hard as keeps
@@ -832,6 +847,12 @@ def _between(at: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.ndarray
     before = np.clip(np.searchsorted(grid, at, side="right") - 1, 0, len(grid) - 2)
     slope = (values[:, before + 1] - values[:, before]) / (grid[before + 1] - grid[before])[:, None]
     return slope * (at - grid[before])[:, None] + values[:, before]
+
+
+def _as_bytes(model: mujoco.MjModel) -> bytes:
+    buffer = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
 
 
 def _remembers(effect: Effect) -> bool:
