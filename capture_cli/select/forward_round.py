@@ -122,7 +122,7 @@ class ForwardRound:
         supported, self._unfitted = self._fitted(patient=patient)
         self.supported = [FittedSet((c.placed,), c.fit, c.select) for c in supported]
         if not any(models.is_explained(c.fit) for c in supported):
-            self.supported += self._at_places()
+            self._at_places()
 
     def _fitted(self, *, patient: bool) -> tuple[list[Candidate], list[Candidate]]:
         """Candidates that are supported once they are fitted, and those that were not worth a fit."""
@@ -198,11 +198,10 @@ class ForwardRound:
             candidate.fit = self.models.escaped(fit, rival, self.useful_error)
             candidate.select = self.models.judge(candidate.fit)
 
-    def _at_places(self) -> list[FittedSet]:
+    def _at_places(self) -> None:
         """Laws that hold somewhere at all of the places that scores speak for, at once, or at all of those where they
         hold.
         """
-        found = []
         for kind in dict.fromkeys(c.placed.kind for c in self._held):
             best = least([c.fit for c in self._held if c.placed.kind == kind])
             for some in (self.ranked, self._held):
@@ -212,19 +211,20 @@ class ForwardRound:
                     if c.placed.kind == kind and c.placed.effect.site != GLOBAL
                 }
                 if len(places) > 1 and (fitted := self._together(list(places.values()), best)):
-                    found.append(fitted)
+                    self.supported.append(fitted)
                     break
-        return found
 
     def _together(self, places: Sequence[Candidate], best: Fit) -> FittedSet | None:
         """All of the candidates in one model, but those that have to be at an end of their range there; None where that
-        does not hold. best: of the fits with one of them that holds.
+        does not hold, or something with no more parameters leaves less. best: of the fits with one of them that holds.
         """
         current, added = self.current, tuple(c.placed for c in places)
         held = {c.name for c in self._held}
         own = [c.fit.point[c.fit.columns(c.name)] if c.name in held else c.start for c in places]
         start = np.concatenate([best.point[: len(current.point)], *own])
-        fit = self.models.fit([*current.effects, *added], start, current)
+        best = least([best, *(s.fit for s in self.supported if len(s.fit.point) <= len(start))])
+        needed = min(best.error, needed_error(current, REJECTION.material))
+        fit = self.models.fit([*current.effects, *added], start, current, Effort(needed=needed))
         if fit is None or fit.penalised_squares >= best.penalised_squares:
             return None
         plausible = [c for c in places if not implausible(self.models, current, fit, c.placed)]
