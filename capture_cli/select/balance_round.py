@@ -21,12 +21,14 @@ from capture_cli.select.forward_round import by_score, reject_at_first_sight
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import (
+    ends,
     leaves_something,
     needed_error,
     no_gain,
     out_of_range,
     slight,
     stands_in,
+    swings_anew,
 )
 from capture_cli.select.score import similarity
 
@@ -60,6 +62,8 @@ class BalanceRound:
         values = [current.point[current.columns(e.name)] for e in current.effects]
         self._before, self._best = models.judge(current), None
         self._others: list[BalancedModel] = []
+        # fits whose effects are at ends of their ranges: of which effects, at which ends, and what that says
+        self._at_ends: list[tuple[frozenset[str], frozenset, str]] = []
         # beside what was found already one is looked for at a time
         sizes = 1 if current.effects else most
         self.supported = self._search(grown(screening, current.effects, values, sizes))
@@ -193,17 +197,20 @@ class BalanceRound:
         `current` model, which is far from the machine, does not show. The best of them moves it nearer.
         """
         added = model.effects[len(self.current.effects) :]
-        needed = min(needed_error(smaller, REJECTION.material), self.useful_error)
+        is_known = self.models.is_fitted(model.effects)
+        reason = None if is_known else self._ended(model, added) or self._begins_anew(model, added)
+        if reason:
+            self._reject(added, reason)
+            return []
         rival, to_explain = self._best, of_held and not _is_one_law(added)
         to_reach = lack_of_fit(self.current.at).threshold if to_explain else np.inf
+        needed = min(needed_error(smaller, REJECTION.material), self.useful_error, to_reach)
         effort = Effort(rival=rival, to_reach=to_reach, needed=needed, escapes=False)
         fit = self.models.fit(model.effects, model.start, self.current, effort)
-        reason = self._unfit(fit, added, smaller) or self._unsupported(fit, added)
+        reason = self._unfit(fit, added, smaller, to_explain) or self._unsupported(fit, added)
         if not reason:
             fit = self.models.escaped(fit, rival, self.useful_error)
-            reason = leaves_something(self.current, fit, self.useful_error)
-            if not reason and to_explain and not self.models.is_explained(fit):
-                reason = "each holds alone, and together they leave something"
+            reason = self._left(fit, to_explain)
         self._best = least([rival, fit])
         if reason:
             self._reject(added, reason)
@@ -211,13 +218,41 @@ class BalanceRound:
         self.models.held.append(FittedSet(added, fit, self.models.judge(fit)))
         return self.models.held[-1:]
 
-    def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit) -> str | None:
+    def _left(self, fit: Fit, to_explain: bool) -> str | None:
+        """What is said against a model by what its fit leaves. to_explain: whether that has to be nothing."""
+        reason = leaves_something(self.current, fit, self.useful_error)
+        if not reason and to_explain and not self.models.is_explained(fit):
+            reason = "each holds alone, and together they leave something"
+        return reason
+
+    def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit, to_explain: bool) -> str | None:
         """What its fit says against a model."""
         models, current = self.models, self.current
         reason = no_gain(current, fit, self._best) or slight(smaller, fit, REJECTION.material)
         if not (reason or models.may_escape(fit, self._best, self.useful_error)):
-            reason = leaves_something(current, fit, self.useful_error)
-        return reason or _first(out_of_range(models, current, fit, placed) for placed in added)
+            reason = self._left(fit, to_explain)
+        if reason:
+            return reason
+        reason = _first(out_of_range(models, current, fit, placed) for placed in added)
+        if reason:
+            values = [fit.point[fit.columns(e.name)] for e in added]
+            self._at_ends.append((_names(added), _ends(added, values), reason))
+        return reason
+
+    def _ended(self, model: BalancedModel, added: Sequence[Placed]) -> str | None:
+        """What the fit of some of the effects said: that one of them has to be at the end of its range, if the balance
+        has it there, too, and leaves more than the sensors' noise. Where nothing is left that says little.
+        """
+        if model.beyond_noise < 1:
+            return None
+        names, there = _names(added), _ends(added, model.values[len(self.current.effects) :])
+        return next((why for some, at, why in self._at_ends if some < names and at and at <= there), None)
+
+    def _begins_anew(self, model: BalancedModel, added: Sequence[Placed]) -> str | None:
+        """Why effects that swing are no explanation but by hidden states that are free in each window, or None: asked
+        first, for a fit with those takes long. In the balance, where it begins, they follow from the log before.
+        """
+        return _first(swings_anew(self.models, self.current, model, placed) for placed in added)
 
     def _unsupported(self, fit: Fit, added: Sequence[Placed]) -> str | None:
         """What simulations of other windows, and of the log before each, say against it."""
@@ -241,6 +276,15 @@ def _first(reasons: Iterable[str | None]) -> str | None:
 def _is_one_law(added: Sequence[Placed]) -> bool:
     """Whether the effects are one law, at one place or several."""
     return len({e.kind for e in added}) == 1
+
+
+def _names(effects: Sequence[Placed]) -> frozenset[str]:
+    return frozenset(e.name for e in effects)
+
+
+def _ends(effects: Sequence[Placed], values: Sequence[np.ndarray]) -> frozenset:
+    """Which parameters of the effects are at which ends of their ranges."""
+    return frozenset((e.name, *end) for e, v in zip(effects, values, strict=True) for end in ends(e, v))
 
 
 def _hidden_states(model: BalancedModel) -> int:

@@ -160,6 +160,10 @@ class ModelComparison:
         """Take `fit` for the one of its effects."""
         self._fitted[_key(fit.effects)] = fit
 
+    def is_fitted(self, effects: Sequence[Placed]) -> bool:
+        """Whether the model with these effects was fitted before."""
+        return _key(effects) in self._fitted
+
     def fit(
         self,
         effects: Sequence[Placed],
@@ -179,11 +183,11 @@ class ModelComparison:
             start, near = made.point, made
             del self._fitted[key]
         if key not in self._fitted:
-            near = least([near, *self._smaller(effects)]) if len(near.effects) < len(effects) else near
+            near = least([near, *self.known_with_some(effects)]) if len(near.effects) < len(effects) else near
             self._fitted[key] = self._fit_from([start, *elsewhere], effects, near, effort)
         return self._fitted[key]
 
-    def _smaller(self, effects: Sequence[Placed]) -> list[Fit | None]:
+    def known_with_some(self, effects: Sequence[Placed]) -> list[Fit | None]:
         """The fits so far with some of the effects, and no others."""
         names = set(_key(effects))
         return [fit for key, fit in self._fitted.items() if names.issuperset(key)]
@@ -228,9 +232,17 @@ class ModelComparison:
         error = self.fits.on(self.fit_part, replace(fit, effects=effects)).normalized
         if error <= needed:
             return error
-        effort = Effort(needed=needed, escapes=False, seed=self.seed)
-        again = self.fits.fit(self.fit_part, effects, fit.point, effort=effort)
-        return error if again is None else min(error, again.error)
+        return min(error, self.error_of(effects, fit.point, None, needed))
+
+    def error_of(
+        self, effects: Sequence[Placed], start: np.ndarray, near: Fit | None, needed: float
+    ) -> float:
+        """What a fit from `start` (parameter,) leaves, as far as is asked: whether that is above `needed`; inf where it
+        diverges.
+        """
+        effort = Effort(needed=needed, enough=needed, escapes=False, seed=self.seed)
+        fit = self.fits.fit(self.fit_part, effects, start, near=near, effort=effort)
+        return np.inf if fit is None else fit.error
 
     def explained_from(self, start: np.ndarray, effects: Sequence[Placed], near: Fit) -> Fit | None:
         """The fit from `start` (parameter,), taken for the one of its effects, if it leaves nothing but noise."""

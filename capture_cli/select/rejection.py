@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.common.frozen import frozen
-from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.balance.screening import BalancedModel
+from capture_cli.estimate.fit import Fit, least
 from capture_cli.estimate.solve.intervals import intervals
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.model_comparison import ModelComparison
@@ -35,11 +36,12 @@ def out_of_range(models: ModelComparison, current: Fit, fit: Fit, placed: Placed
     where they are, but for what is vague at a bound. A declared parameter may fall to zero: then it had been standing
     in for the effect. Nor does it count where the log hardly determines it: then it may be anywhere.
     """
-    effect, ends = placed.effect, at_end(fit, placed)
+    effect, values = placed.effect, fit.point[fit.columns(placed.name)]
+    ends = at_end(placed, values)
     vague = next((ends[name] for name in effect.vague_at_end if name in ends), None)
     if vague or models.is_explained(fit):
         return vague
-    doubt = effect.doubt(fit.point[fit.columns(placed.name)], models.fits.prepared.log.longest)
+    doubt = effect.doubt(values, models.fits.prepared.log.longest)
     if doubt or ends:
         return doubt or next(iter(ends.values()))
     x, was = fit.space.to_unit(fit.point), current.at.x
@@ -66,29 +68,51 @@ def stands_in(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -
         return None
     needed = needed_error(without, SETTINGS.material)
     told = models.error_as_told(fit, placed._replace(effect=effect), needed)
-    if told <= needed:
+    return None if told <= needed else _begins_anew(told, without)
+
+
+def swings_anew(models: ModelComparison, current: Fit, model: BalancedModel, placed: Placed) -> str | None:
+    """As of `stands_in`, of a model that begins where the balance has it, over the best known with some of its other
+    effects.
+    """
+    effect = placed.effect.as_told()
+    if effect is None:
         return None
+    others = [e for e in model.effects if e.name != placed.name]
+    without = least([current, *models.known_with_some(others)])
+    needed = needed_error(without, SETTINGS.material)
+    effects = [placed._replace(effect=effect) if e.name == placed.name else e for e in model.effects]
+    told = models.error_of(effects, model.start, current, needed)
+    return None if told <= needed else _begins_anew(told, without)
+
+
+def _begins_anew(told: float, without: Fit) -> str:
     return (
         "it would have to begin anew in each window: where it begins as the log before made it swing, "
         f"{told:.3g} times the noise floor is left, and without it {without.error:.3g}"
     )
 
 
-def at_end(fit: Fit, placed: Placed) -> dict[str, str]:
-    """Parameters of an effect in `fit` that are at the end of their range, other than at null, and how to say so."""
-    effect, own = placed.effect, fit.columns(placed.name)
-    x, space, found = fit.space.to_unit(fit.point), fit.space, {}
-    for i, name in zip(range(own.start, own.stop), effect.space.names, strict=True):
-        null = (space.nominal[i] - space.low[i]) / space.span[i]
-        if (
-            min(x[i], 1 - x[i]) < SETTINGS.near_bound
-            and abs(x[i] - null) > SETTINGS.near_bound
-            and name not in effect.shares
-        ):
-            found[name] = (
-                f"it would have to be at the end of its range ({space.names[i]} = {fit.point[i]:.3g})"
-            )
-    return found
+def at_end(placed: Placed, values: np.ndarray) -> dict[str, str]:
+    """Parameters of an effect at `values` (parameter,) that are at the end of their range, other than at null, and how
+    to say so.
+    """
+    return {
+        name: f"it would have to be at the end of its range ({placed.name}.{name} = {value:.3g})"
+        for (name, _), value in ends(placed, values).items()
+    }
+
+
+def ends(placed: Placed, values: np.ndarray) -> dict[tuple[str, bool], float]:
+    """Likewise the parameters and whether it is the upper end, and the values there."""
+    effect, space = placed.effect, placed.effect.space
+    x, null = space.to_unit(values), space.to_unit(space.nominal)
+    near = np.minimum(x, 1 - x) < SETTINGS.near_bound
+    return {
+        (name, bool(x[i] > 0.5)): float(values[i])
+        for i, name in enumerate(space.names)
+        if near[i] and abs(x[i] - null[i]) > SETTINGS.near_bound and name not in effect.shares
+    }
 
 
 def needed_error(current: Fit, material: float) -> float:
