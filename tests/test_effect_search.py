@@ -11,13 +11,16 @@ import pytest
 from held_inputs import held_machine
 from machines import machine
 
+from capture_cli.estimate.balance.screening import BalancedModel
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.solve.linearization import Data
+from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.finer_time_step import FinerTimeStep
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.select import balance_round, model_comparison
 from capture_cli.select import search as attribution
+from capture_cli.select.balance_round import BalanceRound, _ends
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.forward_round import _settles
 from capture_cli.select.model_comparison import BETTER, TIED, WORSE, ModelComparison
@@ -208,6 +211,33 @@ def test_a_rival_that_is_not_as_good_may_be_enough(explained):
     reason = selection.candidates[1].why_rejected
     assert reason.startswith("lag@drive explains more")
     assert reason.endswith("chance allows") == explained
+
+
+def test_what_ended_at_a_limit_is_not_fitted_in_a_larger_set_that_has_it_there():
+    hysteresis, coulomb = (
+        Placed(name, REGISTRY.get(name)(machine("slider"), "x"))
+        for name in ("hysteretic-friction", "coulomb-friction")
+    )
+    space = hysteresis.effect.space
+    at_end, inside = space.from_unit(np.array([[0.1, 0.0], [0.1, 0.2]]))
+    own = BalanceRound.__new__(BalanceRound)
+    own.current = SimpleNamespace(effects=())
+    own._at_ends = [(frozenset({hysteresis.name}), _ends([hysteresis], [at_end]), "at its end")]
+
+    def said(values, *others, beyond_noise=10.0):
+        effects = (hysteresis, *others)
+        model = BalancedModel(
+            effects,
+            np.zeros(1),
+            (values, *(e.effect.space.from_unit(np.array([0.1])) for e in others)),
+            beyond_noise=beyond_noise,
+        )
+        return own._ended(model, effects)
+
+    assert said(at_end, coulomb) == "at its end"
+    assert said(inside, coulomb) is None
+    assert said(at_end) is None  # the same set, not a larger one
+    assert said(at_end, coulomb, beyond_noise=0.5) is None  # with both nothing may be left
 
 
 def test_no_shorter_steps_are_fitted_where_half_a_step_does_not_hold():

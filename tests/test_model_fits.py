@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from held_inputs import held_machine
 
+from capture_cli.estimate.balance.screening import BalancedModel
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import Effort, ModelFits
@@ -30,7 +31,7 @@ from capture_cli.select.log_parts import select_folds
 from capture_cli.select.minima import SETTINGS as MINIMA
 from capture_cli.select.minima import minima
 from capture_cli.select.model_comparison import ModelComparison
-from capture_cli.select.rejection import stands_in
+from capture_cli.select.rejection import stands_in, swings_anew
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.record import record
 
@@ -392,3 +393,5 @@ def test_a_loose_mass_that_stands_in_for_something_else_needs_states_that_are_fr
     fit = models.fit([loose], np.append(declared.point, start), declared)
     assert fit.error < 0.3 * declared.error  # so it would be taken for an explanation
     assert bool(stands_in(models, declared, fit, loose)) == stands
+    begun = BalancedModel((loose,), fit.point[: len(declared.point)], (fit.point[fit.columns(loose.name)],))
+    assert bool(swings_anew(models, declared, begun, loose)) == stands
