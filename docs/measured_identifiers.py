@@ -72,15 +72,20 @@ class Measured:
 
 def air_hockey() -> str:
     """The part of that name."""
-    found = _measured("air-hockey")
-    cells = [m for m in found if "/" in m.folder]
-    sections = [_section(m, (differences, pairs)) for m in found if m not in cells]
-    return "\n\n".join([*sections, *([ablations(cells)] if cells else [])])
+    return _sections("air-hockey", differences, "trajectory_difference")
 
 
 def scooping() -> str:
     """The part of that name."""
-    return "\n\n".join(_section(m, (successes, pairs)) for m in _measured("scooping"))
+    return _sections("scooping", successes, "success")
+
+
+def _sections(task: str, table: Callable[[Measured], str], told: str) -> str:
+    """A section for each evaluation of the task, and one for its ablations, of which `told` is told."""
+    found = _measured(task)
+    cells = [m for m in found if "/" in m.folder]
+    sections = [_section(m, (table, pairs)) for m in found if m not in cells]
+    return "\n\n".join([*sections, *([ablations(cells, told)] if cells else [])])
 
 
 def worlds() -> str:
@@ -147,17 +152,26 @@ def differences(m: Measured) -> str:
     return _table([NONE, *header], rows)
 
 
-def ablations(cells: list[Measured]) -> str:
-    """The cells of a suite, of one code, side by side: a column for each value of what they vary."""
-    about = replace(cells[0], folder=Path(cells[0].folder).parent.as_posix()).about()
-    rows = {label: e for m in cells for label, e in m.rows.items()}
-    last = cells[0].document["rounds"]
-    lines = [
-        [f"parameters at {AT}", *(_two(e["parameter_difference"]["mean"][AT]) for e in rows.values())],
-        [f"trajectory at {last}", *(f"{e['trajectory_difference'][last]:.3g}" for e in rows.values())],
+def ablations(cells: list[Measured], told: str) -> str:
+    """The cells of suites, one suite for each training: a row for each value of what they vary, with mean and standard
+    deviation over the trainings. told: a figure of the evaluation beside the parameter difference.
+    """
+    trainings, last = len({Path(m.folder).parent for m in cells}), min(m.document["rounds"] for m in cells)
+    document = {**cells[0].document, "rounds": last}
+    about = replace(cells[0], folder=Path(cells[0].folder).parts[0], document=document).about()
+    found: dict[str, list[Mapping[str, Any]]] = {}
+    for m in cells:
+        for label, e in m.rows.items():
+            found.setdefault(label.partition("(")[2].rstrip(")"), []).append(e)
+    figures = {"parameters": lambda e: e["parameter_difference"]["mean"], told: lambda e: e[told]}
+    columns = [("parameters", AT), (told, last)]
+    rows = [
+        [value, *(_spread([figures[name](e)[n] for e in entries]) for name, n in columns)]
+        for value, entries in found.items()
     ]
-    varied = [label.partition("(")[2].rstrip(")") for label in rows]
-    return f"{about}\n\n{_table([NONE, *varied], lines)}"
+    said = f" {trainings} trainings, ± their deviation." if trainings > 1 else ""
+    header = [f"{name.partition('_')[0]} at {n}" for name, n in columns]
+    return f"{about}{said}\n\n{_table([NONE, *header], rows)}"
 
 
 def budgets(m: Measured) -> str:
@@ -394,6 +408,12 @@ def _two(value: float) -> str:
     """Two digits, never with an exponent."""
     text = f"{value:.2g}"
     return f"{value:.5f}".rstrip("0") if "e" in text else text
+
+
+def _spread(values: list[float]) -> str:
+    """The mean, of several ± their standard deviation."""
+    about = f" ± {_two(float(f'{np.std(values, ddof=1):.1g}'))}" if len(values) > 1 else ""
+    return f"{_two(np.mean(values))}{about}"
 
 
 def _either(values: list[int]) -> str:

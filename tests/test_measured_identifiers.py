@@ -50,15 +50,27 @@ def test_errors_stand_beside_what_was_simulated_for_them_where_several_simulate(
     assert "| cover at 2 | rollouts |" in measured_identifiers.differences(Measured("f", alone, {}))
 
 
-def test_cells_of_a_suite_stand_side_by_side(measured):
-    def of(cell: str, values: dict[str, float]) -> Measured:
-        rows = {f"capture ({v})": entry([*[0.3] * 10, x], [1] * 11) for v, x in values.items()}
-        return Measured(f"suite/{cell}", {**measured.document, "rounds": 10, "identifiers": rows}, {})
+def test_trainings_of_an_ablation_are_one_row_with_their_spread(measured):
+    def of(training: int, cell: str, values: dict[str, float]) -> Measured:
+        rows = {
+            f"capture ({v})": {**entry([*[0.3] * 10, x], [1] * 11), "success": [0.5] * 11}
+            for v, x in values.items()
+        }
+        document = {**measured.document, "rounds": 10, "identifiers": rows}
+        return Measured(f"suite/{training}/{cell}", document, {})
 
-    cells = [of("L", {"L=5": 0.125, "L=7": 0.1}), of("k", {"k=2": 0.2})]
-    about, _, header, _, *rows = measured_identifiers.ablations(cells).splitlines()
-    assert about.startswith("`suite`: 10 pairs") and header == "|  | L=5 | L=7 | k=2 |"
-    assert rows == ["| parameters at 10 | 0.12 | 0.1 | 0.2 |", "| trajectory at 10 | 0.125 | 0.1 | 0.2 |"]
+    cells = [of(1, "L", {"L=5": 0.125, "L=7": 0.1}), of(1, "k", {"k=2": 0.2})]
+    cells += [of(2, "L", {"L=5": 0.135, "L=7": 0.1}), of(2, "k", {"k=2": 0.4})]
+    about, _, header, _, *rows = measured_identifiers.ablations(cells, "success").splitlines()
+    assert about.startswith("`suite`: 10 pairs") and "2 trainings" in about
+    assert header == "|  | parameters at 10 | success at 10 |"
+    assert rows == [
+        "| L=5 | 0.13 ± 0.007 | 0.5 ± 0 |",
+        "| L=7 | 0.1 ± 0 | 0.5 ± 0 |",
+        "| k=2 | 0.3 ± 0.1 | 0.5 ± 0 |",
+    ]
+    alone = measured_identifiers.ablations(cells[:2], "trajectory_difference").splitlines()
+    assert alone[2] == "|  | parameters at 10 | trajectory at 10 |" and alone[-1] == "| k=2 | 0.2 | 0.2 |"
 
 
 def test_probabilities_are_those_of_the_sign_test(measured):
