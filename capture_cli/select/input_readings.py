@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.estimate.balance.input_timing import (
     SETTINGS,
     InputTiming,
@@ -17,7 +18,7 @@ from capture_cli.estimate.balance.input_timing import (
 )
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit
-from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 from capture_cli.model.tasks.base import Task
@@ -29,6 +30,7 @@ from capture_cli.select.log_parts import LogParts
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import effective_samples
 
+FITTED = 36  # windows, by which simulations tell
 NARROW = BeamSettings(width=2, branches=2, pairs=4)
 PreparedAs = Callable[[Task], PreparedLog]
 
@@ -65,9 +67,9 @@ class Reading:
         model = self.model
         return self.screening.about(model.point, model.effects, model.values).fitted(model)
 
-    def likeliest(self) -> Reading:
-        """This one, of inputs that change evenly, or that which is likeliest with the same effects, none or those of
-        the model: what the record explains needs no effect, unless with one this is surely better.
+    def likelier(self) -> Reading | None:
+        """Of inputs that change evenly: another reading, which is likelier with the same effects, none or those of the
+        model; None where there is none.
         """
         known = [self.screening.fitted(replace(self.model, effects=(), values=()))]
         known += [self.model] if self.model.effects else []
@@ -78,10 +80,9 @@ class Reading:
             return max(pairs, key=lambda pair: (pair[1] - pair[0]).sum())
 
         hold = likeliest(asked, self.screening.balance)
-        if hold == self.hold:
-            return self
-        other = Reading.of(self.unread, hold, self.screening).with_best_of([self])
-        return self if self.is_surely_better_than(other) else other
+        return (
+            None if hold == self.hold else Reading.of(self.unread, hold, self.screening).with_best_of([self])
+        )
 
     def with_best_of(self, others: Sequence[Reading]) -> Reading:
         """The reading with the best of its own model and of those of others, fitted in its screening."""
@@ -113,48 +114,48 @@ def timings_with_effects(
     held = Reading(prepared.task, HELD, screening, screening.best())
     changing = Reading.of(prepared.task, EVENLY, screening)
     if not held.is_surely_better_than(changing):
-        changing = changing.likeliest()
+        other = changing.likelier()
+        # what the record explains needs no effect
+        if other is not None and not changing.is_surely_better_than(other):
+            changing = other
     told = {t.hold for t in prepared.input_timings}
     if told:
         known, other = (held, changing) if HELD in told else (changing, held)
         best = other if other.is_surely_better_than(known, in_own_balance=True) else known
     else:
-        held, changing = _with_pairs(held, changing)
-        best = changing if _changes(held, changing, prepared_as, threads) else held
+        best = _of_pairs(held, changing, prepared_as, threads)
     if told == {best.hold}:
         return prepared.input_timings, best.screening
-    gain, error = best.model.gain((changing if best is held else held).model)
+    gain, error = best.model.gain((changing if best.hold == HELD else held).model)
     asked = (c.name for c in prepared.task.inputs if c.hold is None)
     return tuple(
         InputTiming(name, best.hold, gain, error, best.model.beyond_noise) for name in asked
     ), best.screening
 
 
-def _with_pairs(held: Reading, changing: Reading) -> tuple[Reading, Reading]:
-    """The readings with two effects at most, where one does not decide: what else is missing may look like another
-    reading. Where they leave far more than noise, two will not do either.
+def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:
+    """One of the readings or, where these do not decide, of the same with two effects at most: what else is missing may
+    look like another reading. They are held where the others leave far more than noise: two will not do either.
 
     A search stops at one effect where a second is not surely better. So each reading is asked with the effects that the
     other has, too: of two models the likelihoods would not be of the readings alone.
     """
     both = held, changing
-    least = min(r.model.beyond_noise for r in both)
-    sure = held.is_surely_better_than(changing) or changing.is_surely_better_than(held)
-    if (sure and least < SETTINGS.else_missing) or least >= SETTINGS.hopeless:
-        return both
+    least = min(both, key=lambda r: r.model.beyond_noise)
+    if least.model.beyond_noise >= SETTINGS.hopeless:
+        return held
+    if least.model.beyond_noise < SETTINGS.else_missing:
+        if held.is_surely_better_than(changing):
+            return held
+        if changing.is_surely_better_than(held) and changing.model.beyond_noise < SETTINGS.else_missing:
+            return changing
     largest = [list(grown(r.screening, (), (), 2, settings=NARROW))[-1:] for r in both]
     held, changing = (replace(r, model=m[0].best) if m else r for r, m in zip(both, largest, strict=True))
-    return held.with_best_of([changing]), changing.with_best_of([held])
-
-
-def _changes(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> bool:
-    """Whether inputs are not held."""
-    if held.is_surely_better_than(changing) or changing.model.beyond_noise >= SETTINGS.else_missing:
-        return False
-    one_effect = max(len(r.model.effects) for r in (held, changing)) < 2
-    if one_effect and changing.is_surely_better_than(held):
-        return True
-    return _fits_better(held, changing, prepared_as, threads)
+    held, changing = held.with_best_of([changing]), changing.with_best_of([held])
+    if held.is_surely_better_than(changing):
+        return held
+    other = changing.likelier() if changing.hold == EVENLY else None
+    return _best_fit(held, [changing] if other is None else [changing, other], prepared_as, threads)
 
 
 def _read(unread: Task, hold: Hold) -> Task:
@@ -164,18 +165,28 @@ def _read(unread: Task, hold: Hold) -> Task:
     return known
 
 
-def _fits_better(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> bool:
-    """Whether the second reading, each with its model fitted by simulations, is clearly better: the effect that is in
-    may not be the right one, so a little better is not enough.
+def _best_fit(
+    held: Reading, others: Sequence[Reading], prepared_as: PreparedAs, threads: int | None
+) -> Reading:
+    """That of the others which, each with its model fitted by simulations, explains the log and is clearly better than
+    the first: the effect that is in may not be the right one, so a little better is not enough.
     """
-    before, after = (_fit(prepared_as(r.task), r.model, threads) for r in (held, changing))
-    if before is None or after is None:
-        return before is None and after is not None
-    squares = before.penalised_squares, after.penalised_squares
+    fits = [(r, _fit(prepared_as(r.task), r.model, threads, escapes=False)) for r in others]
+    explaining = [(r, fit) for r, fit in fits if fit and fit.error**2 - 1 < SETTINGS.else_missing]
+    if not explaining:
+        return held
+    before = _fit(prepared_as(held.task), held.model, threads, escapes=True)
+    gains = [np.inf if before is None else _bic_gain(before, fit) for _, fit in explaining]
+    best = int(np.argmax(gains))
+    return explaining[best][0] if gains[best] > COMPARISON.clearly_better else held
+
+
+def _bic_gain(before: Fit, after: Fit) -> float:
     more = len(after.point) - len(before.point)
-    return bic_gain(*squares, effective_samples(after), more) > COMPARISON.clearly_better
+    return bic_gain(before.penalised_squares, after.penalised_squares, effective_samples(after), more)
 
 
-def _fit(prepared: PreparedLog, model: BalancedModel, threads: int | None) -> Fit | None:
-    part = prepared.part(np.flatnonzero(~prepared.split.is_test))
-    return ModelFits(prepared, threads).fit(part, model.effects, model.start)
+def _fit(prepared: PreparedLog, model: BalancedModel, threads: int | None, *, escapes: bool) -> Fit | None:
+    windows = np.flatnonzero(~prepared.split.is_test)
+    part = prepared.part(windows[evenly_spread(len(windows), FITTED)])
+    return ModelFits(prepared, threads).fit(part, model.effects, model.start, effort=Effort(escapes=escapes))
