@@ -68,15 +68,20 @@ class Reading:
         return self.screening.about(model.point, model.effects, model.values).fitted(model)
 
     def likelier(self) -> Reading | None:
-        """Of inputs that change evenly: another reading, which is likelier with the same effects, none or those of the
-        model; None where there is none.
+        """Of inputs that change evenly: another reading that predicts more, with no effect, or each with its best; None
+        where there is none. No effect is a sensor's, see `is_surely_better_than`. Those that act before their rows are
+        asked with the same effect.
         """
-        known = [self.screening.fitted(replace(self.model, effects=(), values=()))]
-        known += [self.model] if self.model.effects else []
+        declared = replace(self.model, effects=(), values=())
+        ours = self.screening.fitted(declared), self.screening.best(but_at="measurement")
 
         def asked(hold: Hold) -> Likelihoods:
             own = self.screening.read_as(_read(self.unread, hold).holds)
-            pairs = [(model.likelihood, own.fitted(model).likelihood) for model in known]
+            theirs = (
+                own.fitted(declared),
+                own.fitted(ours[1]) if hold.late else own.best(but_at="measurement"),
+            )
+            pairs = [(known.likelihood, other.likelihood) for known, other in zip(ours, theirs, strict=True)]
             return max(pairs, key=lambda pair: (pair[1] - pair[0]).sum())
 
         hold = likeliest(asked, self.screening.balance)
@@ -116,7 +121,7 @@ def timings_with_effects(
     if not held.is_surely_better_than(changing):
         other = changing.likelier()
         # what the record explains needs no effect
-        if other is not None and not changing.is_surely_better_than(other):
+        if other is not None and not changing.is_surely_better_than(other, in_own_balance=True):
             changing = other
     told = {t.hold for t in prepared.input_timings}
     if told:
