@@ -37,24 +37,31 @@ capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey $(rows 
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier equal/air-hockey/capture --identifier equal/air-hockey/capture-trajectory --pairs 30 --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal-paper
 capture eval-sim2sim --task scooping --policy runs/policies/scooping $(rows scooping capture capture-trajectory) --seeds 1 --rounds 10 --out runs/evaluation/scooping-equal
 
-# k and L, three trainings, each from 1536 histories of its own; their checkpoints are not shipped.
-train_ablation() { # TASK HISTORIES NAME OPTIONS
-  capture train-sysid --histories "ablations/$1-$2-$n.zarr" --identifier capture-trajectory $(sizes "$1") --steps 2000 --batch 128 --precision float32 --seed $((n - 1)) --out "ablations/$n/$1/$3" "${@:4}"
-}
-sizes() {
-  if [ "$1" = air-hockey ]; then echo --width 64; else echo --width 32 --layers 2 --heads 2; fi
-}
-for task in air-hockey scooping; do
-  for n in 1 2 3; do
-    for L in 5 7 9 13; do
-      capture gen-histories --task $task --policy runs/policies/$task --rounds $L --pairs 1536 --seed $n --out ablations/$task-L$L-$n.zarr
-      train_ablation $task L$L L$L
-    done
-    for k in 2 3 5 6; do
-      train_ablation $task L7 k$k --window $k
-    done
-    capture eval-sim2sim --suite paper --cell $task-L --cell $task-k --identifier ablations/$n --policy runs/policies --seeds 1 --out runs/evaluation/$task-ablations/$n
+# k and L, each from 1536 histories; their checkpoints are not shipped.
+capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search randomized-binary --pairs 1536 --seed 1 --out ablations/randomized-binary.zarr
+capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 5 --pairs 1536 --seed 1 --out ablations/L5.zarr
+capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 9 --pairs 1536 --seed 1 --out ablations/L9.zarr
+capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 13 --pairs 1536 --seed 1 --out ablations/L13.zarr
+capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/randomized-binary
+capture train-sysid --histories ablations/L5.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L5
+capture train-sysid --histories ablations/L9.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L9
+capture train-sysid --histories ablations/L13.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L13
+capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/k2 --window 2
+capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/k6 --window 6
+capture eval-sim2sim --suite paper --cell air-hockey-L --cell air-hockey-k --identifier ablations --policy runs/policies --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-ablations
+# Scooping: three trainings, each from histories of its own.
+for n in 1 2 3; do
+  train_ablation() { # L NAME OPTIONS
+    capture train-sysid --histories "ablations/scooping-L$1-$n.zarr" --identifier capture-trajectory --width 32 --layers 2 --heads 2 --steps 2000 --batch 128 --precision float32 --seed $((n - 1)) --out "ablations/$n/scooping/$2" "${@:3}"
+  }
+  for L in 5 7 9 13; do
+    capture gen-histories --task scooping --policy runs/policies/scooping --rounds $L --pairs 1536 --seed $n --out ablations/scooping-L$L-$n.zarr
+    train_ablation $L L$L
   done
+  for k in 2 3 5 6; do
+    train_ablation 7 k$k --window $k
+  done
+  capture eval-sim2sim --suite paper --cell scooping-L --cell scooping-k --identifier ablations/$n --policy runs/policies --seeds 1 --rounds $((n == 1 ? 30 : 10)) --out runs/evaluation/scooping-ablations/$n
 done
 
 # Trained with the noise:
@@ -68,7 +75,8 @@ capture gen-histories --task scooping-distance --policy distance/policy --pairs 
 capture train-sysid --histories distance/histories.zarr --identifier capture-trajectory --width 32 --layers 2 --heads 2 --steps 2000 --batch 128 --out distance/sysid/capture
 capture train-sysid --histories distance/histories.zarr --identifier expert-distillation --width 32 --layers 2 --heads 2 --steps 600 --batch 128 --out distance/sysid/expert-distillation
 capture train-sysid --histories distance/histories.zarr --identifier tunenet --width 32 --layers 2 --heads 2 --steps 600 --batch 128 --out distance/sysid/tunenet
-capture train-sysid --histories distance/histories.zarr --identifier capture-refined --width 32 --layers 2 --heads 2 --steps 1000 --batch 128 --out distance/sysid/capture-refined
+capture gen-histories --task scooping-distance --policy distance/policy --search scattered --pairs 4096 --seed 1 --out distance/scattered.zarr
+capture train-sysid --histories distance/scattered.zarr --identifier capture-refined --width 32 --layers 2 --heads 2 --steps 2000 --batch 128 --out distance/sysid/capture-refined
 capture eval-sim2sim --task scooping-distance --policy distance/policy --identifier domain-randomization --identifier distance/sysid/expert-distillation --identifier distance/sysid/tunenet --identifier distance/sysid/capture --identifier posterior=distance/sysid/capture-refined --identifier distance/sysid/capture-refined --out runs/evaluation/scooping-distance
 
 # In robosuite scenes, robot by robot.
