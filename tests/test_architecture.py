@@ -7,6 +7,7 @@ import importlib
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -60,21 +61,27 @@ MODULES = sorted(
     for p in PACKAGE.rglob("*.py")
     if "__pycache__" not in p.parts
 )
+KNOWN = {*MODULES, *(m.removesuffix(".__init__") for m in MODULES)}
 
 
+@cache
+def tree(module: str) -> ast.Module:
+    """The syntax of a module."""
+    return ast.parse(PACKAGE.joinpath(*module.split(".")).with_suffix(".py").read_text(encoding="utf-8"))
+
+
+@cache
 def imported(module: str) -> set[str]:
     """Modules of the package that `module` imports anywhere in it, function bodies too, without the prefix."""
-    path = PACKAGE.joinpath(*module.split(".")).with_suffix(".py")
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(module)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{module} imports relatively"
             found |= {f"{node.module}.{alias.name}" for alias in node.names} | {node.module}
     inside = {name.removeprefix("capture_cli.") for name in found if name.startswith("capture_cli.")}
-    known = {*MODULES, *(m.removesuffix(".__init__") for m in MODULES)}
-    return inside & known
+    return inside & KNOWN
 
 
 def place(module: str) -> str:
@@ -198,9 +205,9 @@ def test_models_of_users_are_compiled_in_one_place():
 def test_robosuite_is_patched_before_anything_of_it_is_imported():
     """A move once lost the import, and no scene ran."""
     scenes = 0
-    for module, tree in trees().items():
+    for module in MODULES:
         if module.startswith("context.worlds.") and module != "context.worlds._robosuite":
-            lines = [ast.unparse(n) for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
+            lines = [ast.unparse(n) for n in tree(module).body if isinstance(n, ast.Import | ast.ImportFrom)]
             of_it = [
                 k for k, line in enumerate(lines) if line.startswith(("import robosuite", "from robosuite"))
             ]
@@ -224,18 +231,10 @@ def test_a_wheel_holds_what_is_no_module():
         assert fits, f"{inside} of {package.name} is in no wheel"
 
 
-def trees():
-    """The syntax of every module, by its name."""
-    return {
-        m: ast.parse(PACKAGE.joinpath(*m.split(".")).with_suffix(".py").read_text(encoding="utf-8"))
-        for m in MODULES
-    }
-
-
 def test_functions_take_few_arguments():
     many = set()
-    for module, tree in trees().items():
-        for node in ast.walk(tree):
+    for module in MODULES:
+        for node in ast.walk(tree(module)):
             if isinstance(node, ast.FunctionDef):
                 own = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
                 if len([a for a in own if a.arg not in ("self", "cls")]) > MOST_ARGUMENTS:
@@ -247,8 +246,8 @@ def test_documents_are_read_as_records():
     """Who reads or writes one knows its keys; all others ask a record of it."""
     keyed = [
         f"{module}:{node.lineno}"
-        for module, tree in trees().items()
-        for node in ast.walk(tree)
+        for module in MODULES
+        for node in ast.walk(tree(module))
         if isinstance(node, ast.Subscript) and getattr(node.value, "id", "") == "document"
     ]
     assert not [place for place in keyed if not place.startswith("store.")]
@@ -256,8 +255,8 @@ def test_documents_are_read_as_records():
 
 def test_numbers_stand_in_settings():
     loose = []
-    for module, tree in trees().items():
-        for node in tree.body:
+    for module in MODULES:
+        for node in tree(module).body:
             if isinstance(node, ast.Assign) and "VERSION" not in ast.unparse(node.targets[0]):
                 values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
                 loose += [f"{module}:{node.lineno}" for value in values if is_number(value)]
