@@ -65,8 +65,9 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
+@cache
 def _versions() -> dict[str, str]:
-    """Of PACKAGES, those that are installed."""
+    """Of PACKAGES, those that are installed; each is looked up in a long file."""
     found = {}
     for name, distribution in PACKAGES.items():
         with suppress(importlib.metadata.PackageNotFoundError):  # the core has no torch

@@ -79,8 +79,8 @@ class Schema:
         if missing:
             raise ValueError(f"{self.format}: attributes {sorted(missing)} are not given")
         with zarr.config.set({"array.write_empty_chunks": True}):
-            group = zarr.open_group(str(path), mode="w", zarr_format=3)
-            group.attrs.update({"format": self.format, "version": self.version, **attributes})
+            header = {"format": self.format, "version": self.version, **attributes}
+            group = zarr.open_group(str(path), mode="w", zarr_format=3, attributes=header)
             for spec in self.arrays:
                 if spec.path not in arrays:
                     if not spec.optional:
