@@ -26,11 +26,12 @@ SESSIONS = re.findall(r"^```console\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 def project(tmp_path_factory) -> Path:
     """A folder with the package and every example in it, a task, and a recording as an archive of arrays."""
     folder = tmp_path_factory.mktemp("project")
-    shutil.copytree(ROOT / "capture_cli", folder / "capture_cli")
+    being_written = shutil.ignore_patterns("*.pyc.*")
+    shutil.copytree(ROOT / "capture_cli", folder / "capture_cli", ignore=being_written)
     if sys.pycache_prefix:  # there is what is compiled of it: not once more, for five seconds
         compiled = Path(sys.pycache_prefix)
         own, copied = (compiled / f.relative_to(f.anchor) / "capture_cli" for f in (ROOT, folder))
-        shutil.copytree(own, copied)
+        shutil.copytree(own, copied, ignore=being_written)
     for path, text in FILES:
         assert not (folder / path).exists(), f"{path} is there already"
         (folder / path).write_text(text, encoding="utf-8")
