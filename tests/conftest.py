@@ -23,6 +23,7 @@ if KEPT_APART:
     sys.dont_write_bytecode = False
 
 import pytest  # noqa: E402
+from warm_capture import DRAWS  # noqa: E402
 
 from capture_cli.cli import main  # noqa: E402
 from capture_cli.common.extras import EXTRAS, missing  # noqa: E402
@@ -116,6 +117,14 @@ def models_are_compiled_here():
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def nothing_is_synced():
+    """For that a log, of a few milliseconds of work, would wait for the disk twenty times: test_stores.py tests it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)
+        yield
+
+
 @pytest.fixture
 def slider_task(tmp_path: Path) -> Path:
     """The task.toml of a slider driven by a force: mass and damping are open, its position is measured."""
@@ -155,8 +164,12 @@ def capture(capsys, monkeypatch, tmp_path):
     return run
 
 
+def draw_nothing(patch: pytest.MonkeyPatch) -> None:
+    """No stage draws a page or a figure from here on: reports have tests of their own."""
+    for drawing in DRAWS.values():
+        patch.setattr(f"capture_cli.{drawing}", lambda *_: None)
+
+
 @pytest.fixture
 def without_pages(monkeypatch):
-    """Reports have tests of their own."""
-    for stage in ("identify", "diagnose"):
-        monkeypatch.setattr(f"capture_cli.stages.{stage}._write_pages", lambda *_: None)
+    draw_nothing(monkeypatch)

@@ -37,6 +37,8 @@ from capture_cli.store.estimate import Estimate
 from capture_cli.store.histories import Histories
 from capture_cli.store.provenance import write_json
 
+pytestmark = pytest.mark.usefixtures("without_pages")
+
 TAPES = {"points": 5, "window": 0.1, "amplitude": {"drive": 3.0}}
 SMALL = {"pairs": 24, "rounds": 4, "shard_pairs": 16, "threads": 1, **TAPES}
 FRICTION = "coulomb-friction@x"

@@ -52,11 +52,6 @@ def log(tmp_path_factory) -> Path:
     return path
 
 
-@pytest.fixture
-def without_pages(monkeypatch):
-    monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
-
-
 def identify(log: Path, *more) -> tuple:
     return ("identify", "--real-log", log, "--task", SLIDER, *FAST, *more)
 

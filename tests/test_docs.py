@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from conftest import draw_nothing
+from diagnosing import look_among
 from toy_rounds import histories as toy_histories
 from toy_rounds import write
 from typer.testing import CliRunner
@@ -21,7 +23,6 @@ from benchmarks import REGISTRY as BENCHMARKS
 from capture_cli.cli.app import app
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.select.candidates import Candidate, all_candidates
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.evaluation.evaluation_run import evaluate
 from capture_cli.stages.gen_histories import gen_histories
@@ -108,10 +109,6 @@ def test_every_command_is_documented():
 # --- keys of the JSON documents ---
 
 
-def friction_only(model) -> list[Candidate]:
-    return [c for c in all_candidates(model) if c.name == "coulomb-friction@rail"]
-
-
 @pytest.fixture(scope="module")
 def written(tmp_path_factory, learn) -> dict[str, dict]:
     """Every JSON document that a log brings about, by the name that docs/schemas.md gives it."""
@@ -120,20 +117,18 @@ def written(tmp_path_factory, learn) -> dict[str, dict]:
     options = {"effects": ["coulomb-friction@rail.friction=1"], "noise": 1e-3, "rate": 100, "duration": 4.0}
     record(task=task, out=folder / "log.zarr", **options)
     with pytest.MonkeyPatch.context() as patch:
-        for stage in ("identify", "diagnose"):
-            patch.setattr(f"capture_cli.stages.{stage}._write_pages", lambda *_: None)
+        draw_nothing(patch)
         identify(real_log=folder / "log.zarr", task=task, out=folder / "e", starts=1, rounds=2, quiet=True)
-        for module in ("select.search", "stages.diagnose"):
-            patch.setattr(f"capture_cli.{module}.all_candidates", friction_only)
+        look_among(patch, "coulomb-friction")
         diagnose(real_log=folder / "log.zarr", task=task, out=folder / "d", starts=1, quiet=True)
-    histories = write(toy_histories(20, rounds=3), folder / "h.zarr")
-    tiny = {"width": 8, "layers": 1, "heads": 1, "steps": 2, "batch": 8}
-    train_sysid(histories=histories, out=folder / "i", **tiny)
-    train_policy(task="scooping", out=folder / "p", steps=64, envs=32, evaluations=1)
-    evaluated = ["domain-randomization", f"posterior={folder / 'q'}"]
-    gen_histories(task="scooping", out=folder / "s.zarr", pairs=20, rounds=3, threads=1)
-    train_sysid(histories=folder / "s.zarr", out=folder / "q", identifier="posterior", **tiny)
-    evaluate(task="scooping", out=folder / "v", identifiers=evaluated, pairs=2, seeds=1, rounds=1)
+        histories = write(toy_histories(20, rounds=3), folder / "h.zarr")
+        tiny = {"width": 8, "layers": 1, "heads": 1, "steps": 2, "batch": 8}
+        train_sysid(histories=histories, out=folder / "i", **tiny)
+        train_policy(task="scooping", out=folder / "p", steps=64, envs=32, evaluations=1)
+        evaluated = ["domain-randomization", f"posterior={folder / 'q'}"]
+        gen_histories(task="scooping", out=folder / "s.zarr", pairs=20, rounds=3, threads=1)
+        train_sysid(histories=folder / "s.zarr", out=folder / "q", identifier="posterior", **tiny)
+        evaluate(task="scooping", out=folder / "v", identifiers=evaluated, pairs=2, seeds=1, rounds=1)
     files = {
         "evaluation.json": folder / "v" / "evaluation.json",
         "policy.json": folder / "p" / "policy.json",

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import draw_nothing
 
 pytest.importorskip("robosuite", reason="needs the extra robosuite")
 pytest.importorskip("gymnasium", reason="needs the extra robosuite")
@@ -27,6 +28,7 @@ from capture_cli.stages.evaluation.evaluation_run import evaluate
 from capture_cli.stages.record import record
 from capture_cli.store.evaluation import Evaluation
 
+pytestmark = pytest.mark.usefixtures("without_pages")
 TASK = load_task("scooping")
 OPTIONS = {
     "task": "scooping",
@@ -42,7 +44,9 @@ OPTIONS = {
 
 @pytest.fixture(scope="module")
 def evaluated(tmp_path_factory) -> Evaluation:
-    return evaluate(out=tmp_path_factory.mktemp("world") / "e", **OPTIONS)
+    with pytest.MonkeyPatch.context() as patch:
+        draw_nothing(patch)
+        return evaluate(out=tmp_path_factory.mktemp("world") / "e", **OPTIONS)
 
 
 def test_what_is_measured_is_what_the_robot_does(evaluated):

@@ -19,7 +19,6 @@ from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.record import record
-from capture_cli.store import output
 from capture_cli.store.estimate import EstimateRecord
 
 SLIDER = Path(__file__).resolve().parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
@@ -27,10 +26,9 @@ SLIDER = Path(__file__).resolve().parents[1] / "benchmarks" / "machines" / "slid
 
 @pytest.fixture(autouse=True)
 def without_pages(monkeypatch):
-    """Reports and what reaches the disk have tests of their own."""
+    """Reports have tests of their own."""
     monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
     monkeypatch.setattr("capture_cli.stages.diagnose._write_pages", lambda *_: None)
-    monkeypatch.setattr(output, "_sync", lambda _: None)
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,6 @@ from capture_cli.stages import identify as stage
 from capture_cli.stages.documents.estimate_document import Report, _agreement
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier
 from capture_cli.stages.record import record
-from capture_cli.store import output
 from capture_cli.store.diagnosis import DiagnosisRecord
 from capture_cli.store.estimate import Estimate, EstimateRecord
 from capture_cli.store.output import sha256
@@ -37,9 +36,8 @@ TRUTH = {"mass": 1.4, "damping": 9.0, "stiffness": 110.0}
 
 @pytest.fixture(autouse=True)
 def without_pages(monkeypatch):
-    """Reports and what reaches the disk have tests of their own."""
+    """Reports have tests of their own."""
     monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
-    monkeypatch.setattr(output, "_sync", lambda _: None)
 
 
 @pytest.fixture

@@ -31,7 +31,6 @@ from capture_cli.report.findings import suspicions
 from capture_cli.simulate.engine import Engine
 from capture_cli.stages import identify as stage
 from capture_cli.stages.record import record
-from capture_cli.store import output
 
 NOISE = {"slider": 5e-4, "arm": 1e-3}
 
@@ -252,7 +251,6 @@ def test_what_was_simulated_to_see_it_is_counted(tasks, logs, simulated):
 
 def test_identify_says_it_and_does_not_ask_for_a_diagnosis(tasks, logs, tmp_path, monkeypatch, simulated):
     monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
-    monkeypatch.setattr(output, "_sync", lambda _: None)
     log = multiplied(logs["slider"], "outputs", [0], -1.0)
     log.write(tmp_path / "log.zarr")
     found = stage.identify(
@@ -274,7 +272,6 @@ def test_where_columns_are_to_be_checked_first_no_diagnosis_is_asked_for(
 ):
     """A log without what drove the machine, and one whose output is a column of something else."""
     monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
-    monkeypatch.setattr(output, "_sync", lambda _: None)
     log = logs["slider"]
     if driven:
         other = np.random.default_rng(0).normal(size=log.outputs.shape).cumsum(axis=0)

@@ -30,6 +30,7 @@ from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.store.histories import Histories
 from capture_cli.store.output import unfinished
 
+pytestmark = pytest.mark.usefixtures("without_pages")
 ROOT = Path(__file__).resolve().parents[1]
 TINY = {"task": "reaching", "steps": 1200, "envs": 50, "evaluations": 6, "width": 16, "batch": 64}
 TINY |= {"updates": 25, "learning_rate": 5e-3}

@@ -32,7 +32,7 @@ TRAINING = (  # what stages that train import when they do; torch the last of th
     "capture_cli.context.identifiers._training",
     "torch._dynamo",
 )
-DRAWS = {  # what of a stage draws its pages and figures
+DRAWS = {  # what of a stage draws its pages and figures, in capture_cli
     "train_policy": "report.training.write_policy_figure",
     "train_sysid": "report.training.write_identifier_figure",
     "identify": "stages.identify._write_pages",
@@ -43,16 +43,20 @@ DRAWS = {  # what of a stage draws its pages and figures
 
 @contextmanager
 def warm_capture(
-    *stages: str, undrawn: Sequence[str] = (), environment: Mapping[str, str] = os.environ
+    *stages: str,
+    undrawn: Sequence[str] = (),
+    among: Sequence[str] = (),
+    environment: Mapping[str, str] = os.environ,
 ) -> Iterator[list[str]]:
     """A program, as the words of its command line, that does what `capture` does while the context lasts.
 
-    stages: modules of capture_cli.stages that it has imported. undrawn: those that draw no page and no figure.
+    stages: modules of capture_cli.stages that it has imported. undrawn: those that draw no page and no figure. among:
+    kinds of effects that diagnoses look for; all where there are none.
     """
     with tempfile.TemporaryDirectory() as folder:
         address, client = f"{folder}/address", Path(folder) / "capture.py"
         client.write_text(CLIENT.format(address=address))
-        asked = json.dumps([address, stages, undrawn])
+        asked = json.dumps([address, stages, undrawn, among])
         command = [sys.executable, __file__, asked]
         with subprocess.Popen(command, stdout=subprocess.PIPE, env={**environment}) as server:
             try:
@@ -62,7 +66,7 @@ def warm_capture(
                 server.kill()
 
 
-def serve(address: str, stages: Sequence[str], undrawn: Sequence[str]) -> None:
+def serve(address: str, stages: Sequence[str], undrawn: Sequence[str], among: Sequence[str]) -> None:
     """One command after another, each in a copy of this process."""
     importlib.import_module("capture_cli.cli.app")
     for stage in stages:
@@ -76,6 +80,11 @@ def serve(address: str, stages: Sequence[str], undrawn: Sequence[str]) -> None:
         drawing = importlib.import_module(f"capture_cli.{module}")
         assert callable(getattr(drawing, function))
         setattr(drawing, function, lambda *_: None)
+    if among:
+        import pytest
+        from diagnosing import look_among
+
+        look_among(pytest.MonkeyPatch(), *among)
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(address)
         listening.listen()
