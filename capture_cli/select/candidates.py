@@ -15,6 +15,7 @@ from capture_cli.estimate.log_windows import clock
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.linearization import Linearization
+from capture_cli.log.fastest import fastest
 from capture_cli.log.windows import stretches
 from capture_cli.model.coordinate_sources import sources_of
 from capture_cli.model.effects import REGISTRY
@@ -126,9 +127,10 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
         if not measured.any():
             continue
         low, high = np.nanmin(path), np.nanmax(path)
-        speed = np.abs(source.slope_of(reported.derivatives[:, 1, list(source.data)])).max()
+        noise = float(source.noise(prepared.noise.sd)[0])
+        begun = np.abs(source.slope_of(reported.derivatives[:, 1, list(source.data)])).max()
+        speed = max(begun, fastest(path, log.time, known, noise))  # windows may all begin at rest
         if low < high and speed > 0:
-            noise = float(source.noise(prepared.noise.sd)[0])
             seen[joint] = JointMotion(
                 float(low), float(high), float(speed), path, known, noise, log.time, controls
             )
