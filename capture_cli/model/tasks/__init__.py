@@ -12,7 +12,7 @@ REGISTRY: Registry[Task] = Registry(
     "capture_cli.model.tasks",
     "Task",
     "task",
-    not_listed=("aimed-task", "mjcf-file", "reward", "sequence-task"),
+    not_listed=("aimed-task", "input-hold", "mjcf-file", "reward", "sequence-task"),
 )
 
 
