@@ -50,10 +50,9 @@ def timings_of_inputs(
         return (), None
     rows = whitening.rows(by_parameter(balance))
     known = Balanced(windows, task.space.nominal, _where_sure(whitening, rows))
-    found, nothing_else = input_timings(balance, whitening, rows, [c.name for c in task.inputs], task.holds)
-    if not nothing_else:
-        return (), known
-    return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.hold is None), known
+    names, holds = [c.name for c in task.inputs], [c.hold for c in task.inputs]
+    found, nothing_else = input_timings(balance, whitening, rows, names, holds)
+    return (tuple(found), known) if nothing_else else ((), known)
 
 
 def balanced_point(

@@ -177,7 +177,7 @@ def _best_fit(
     the first: the effect that is in may not be the right one, so a little better is not enough.
     """
     fits = [(r, _fit(prepared_as(r.task), r.model, threads, escapes=False)) for r in others]
-    explaining = [(r, fit) for r, fit in fits if fit and fit.error**2 - 1 < SETTINGS.else_missing]
+    explaining = [(r, fit) for r, fit in fits if fit is not None and fit.error**2 - 1 < SETTINGS.else_missing]
     if not explaining:
         return held
     before = _fit(prepared_as(held.task), held.model, threads, escapes=True)

@@ -66,17 +66,17 @@ def input_timings(
     whitening: Whitening,
     rows: Sequence[np.ndarray],
     names: Sequence[str],
-    holds: Sequence[Hold],
+    holds: Sequence[Hold | None],
     settings: InputTimingSettings = SETTINGS,
 ) -> tuple[list[InputTiming], bool]:
-    """How each input acts, and whether that is all: what is missing may look like another timing, and one that is not
-    surely better may still be right.
+    """How each input acts of which nobody says it, and whether that is all: what is missing may look like another
+    timing, and one that is not surely better may still be right.
 
-    balance, whitening: at values of the declared parameters; rows: of these; names, holds: of the inputs, and how they
-    act in it.
+    balance, whitening: at values of the declared parameters; rows: of these; names, holds: of all inputs, and how they
+    act where somebody says it.
 
-    All inputs are first read the other way together, then each by itself beside the better of these; last those that
-    change evenly are asked for commands between rows, and for acting before their rows, together.
+    All are first read as held and as changing evenly together, then each by itself beside the better of these; last
+    those that change evenly are asked for commands between rows, and for acting before their rows, together.
     """
     columns = [c * balance.smoothed.task.space.span for c in rows]
     blocks = whitening.blocks(settings.blocks)
@@ -89,29 +89,31 @@ def input_timings(
         sums = Sums.of(-white, np.concatenate(whitening.whitened(columns)), whitening.block_of_row(blocks))
         return np.bincount(blocks, weights=whitening.log_determinants()) - 0.5 * predicted(sums)
 
-    read, known = list(holds), likelihood(holds)
-    if len(holds) > 1 and is_surely_better(known, other := likelihood(_turned(read)), settings):
-        read, known = _turned(read), other
-    gains = []
-    for k in range(len(names)):
-        turned = [*read[:k], *_turned(read[k : k + 1]), *read[k + 1 :]]
+    asked = [k for k, hold in enumerate(holds) if hold is None]
+    read = [HELD if hold is None else hold for hold in holds]
+
+    def with_(hold: Hold, those: Sequence[int]) -> list[Hold]:
+        return [hold if k in those else own for k, own in enumerate(read)]
+
+    known = likelihood(read)
+    if len(asked) > 1 and is_surely_better(known, other := likelihood(with_(EVENLY, asked)), settings):
+        read, known = with_(EVENLY, asked), other
+    gains = {}
+    for k in asked:
+        turned = with_(EVENLY if read[k] == HELD else HELD, [k])
         other = likelihood(turned)
         if is_surely_better(known, other, settings):
             read, known, other = turned, other, known
-        gains.append(sum_and_error(known - other))
-    if EVENLY in read:
-
-        def otherwise(hold: Hold) -> list[Hold]:
-            return [hold if own == EVENLY else own for own in read]
-
-        read = otherwise(likeliest(lambda hold: (known, likelihood(otherwise(hold))), balance, settings))
-    contradicted = any(gain < -settings.least for gain, _ in gains)
+        gains[k] = sum_and_error(known - other)
+    evenly = [k for k in asked if read[k] == EVENLY]
+    if evenly:
+        found = likeliest(lambda hold: (known, likelihood(with_(hold, evenly))), balance, settings)
+        read = with_(found, evenly)
+    contradicted = any(gain < -settings.least for gain, _ in gains.values())
     likelihood(read)
     beyond = whitening.beyond_noise
-    found = [
-        InputTiming(name, hold, *own, beyond) for name, hold, own in zip(names, read, gains, strict=True)
-    ]
-    return found, beyond < settings.else_missing and not contradicted
+    timings = [InputTiming(names[k], read[k], *gains[k], beyond) for k in asked]
+    return timings, beyond < settings.else_missing and not contradicted
 
 
 Likelihoods = tuple[np.ndarray, np.ndarray]  # (block,) each
@@ -145,11 +147,6 @@ def likeliest(
         is_whole = abs(early.x + (row + step) / 2) < step / 2
         gains[Hold(1.0, -row) if is_whole else Hold(np.inf, float(early.x))] = -float(early.fun)
     return max(gains, key=gains.__getitem__)
-
-
-def _turned(holds: Sequence[Hold]) -> list[Hold]:
-    """Held where they change evenly, and the other way round."""
-    return [EVENLY if hold == HELD else HELD for hold in holds]
 
 
 def is_surely_better(known: np.ndarray, other: np.ndarray, settings: InputTimingSettings = SETTINGS) -> bool:
