@@ -118,7 +118,7 @@ def timings_with_effects(
     screening.on_work = on_work
     held = Reading(prepared.task, HELD, screening, screening.best())
     changing = Reading.of(prepared.task, EVENLY, screening)
-    if not held.is_surely_better_than(changing):
+    if changing.model.beyond_noise < SETTINGS.hopeless and not held.is_surely_better_than(changing):
         other = changing.likelier()
         # what the record explains needs no effect
         if other is not None and not changing.is_surely_better_than(other, in_own_balance=True):
