@@ -220,8 +220,8 @@ def input_timing_of(prepared: PreparedLog) -> dict[str, Any] | None:
     said = []
     for hold in dict.fromkeys(t.hold for t in prepared.input_timings):
         names = [t.name for t in prepared.input_timings if t.hold == hold]
-        lines = "; ".join(f"{key} = {json.dumps(value)}" for key, value in keys_of(hold).items())
-        said.append(f"{', '.join(names)} {_acting(hold)} (write {lines} in [inputs.{names[0]}] to settle it)")
+        lines = " and ".join(f"{key} = {json.dumps(value)}" for key, value in keys_of(hold).items())
+        said.append(f"{', '.join(names)}: {_acting(hold)} (write {lines} in [inputs.{names[0]}] to settle it)")
     return {
         "inputs": {
             t.name: {"late": 0.0, **keys_of(t.hold), "gain": t.gain, "error": t.error}
@@ -232,14 +232,14 @@ def input_timing_of(prepared: PreparedLog) -> dict[str, Any] | None:
 
 
 def _acting(hold: Hold) -> str:
-    """What inputs that act so do."""
+    """How an input acts, in words."""
     if np.isinf(hold.commands):
-        between = "change evenly from row to row"
+        between = "an even change from row to row"
     elif hold.commands > 1:
-        between = f"have {hold.commands:.0f} commands from row to row"
+        between = f"{hold.commands:.0f} commands from row to row"
     else:
-        between = "are held from row to row"
-    return f"{between} and act {-1e3 * hold.late:.3g} ms before their rows" if hold.late else between
+        between = "held from row to row"
+    return f"{between}, {-1e3 * hold.late:.3g} ms before it is written" if hold.late else between
 
 
 def time_stamps_of(prepared: PreparedLog, stamps: TimeStampJitter | None) -> dict[str, Any] | None:
