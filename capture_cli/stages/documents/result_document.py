@@ -221,7 +221,9 @@ def input_timing_of(prepared: PreparedLog) -> dict[str, Any] | None:
     for hold in dict.fromkeys(t.hold for t in prepared.input_timings):
         names = [t.name for t in prepared.input_timings if t.hold == hold]
         lines = " and ".join(f"{key} = {json.dumps(value)}" for key, value in keys_of(hold).items())
-        said.append(f"{', '.join(names)}: {_acting(hold)} (write {lines} in [inputs.{names[0]}] to settle it)")
+        said.append(
+            f"{', '.join(names)}: {_acting(hold)} (write {lines} in [inputs.{names[0]}] to settle it)"
+        )
     return {
         "inputs": {
             t.name: {"late": 0.0, **keys_of(t.hold), "gain": t.gain, "error": t.error}
