@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -88,11 +86,7 @@ def _where_sure(whitening: Whitening, rows: Sequence[np.ndarray]) -> np.ndarray 
 def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:
     """The task with inputs that act as the log tells, and are held where it does not."""
     holds = {t.name: t.hold for t in timings}
-    known = copy(task)
-    known.inputs = tuple(
-        replace(c, hold=holds.get(c.name, HELD)) if c.hold is None else c for c in task.inputs
-    )
-    return known
+    return task.with_holds(c.hold or holds.get(c.name, HELD) for c in task.inputs)
 
 
 def _between_stops(prepared: PreparedLog) -> np.ndarray:

@@ -68,11 +68,11 @@ class LoggedInputs:
                 values[:, own] = np.stack([np.interp(at, self.time[near], c) for c in columns], axis=1)
                 continue
             begin = near.start if sums_from is None else sums_from
-            commands = self.part(slice(begin, near.stop)).each_command(hold)
+            commands = self.part(slice(begin, near.stop))._each_command(hold)
             values[:, own] = commands._held_at(at, None if sums_from is None else 0)
         return values
 
-    def each_command(self, hold: Hold) -> LoggedInputs:
+    def _each_command(self, hold: Hold) -> LoggedInputs:
         """The inputs that act so, with a sample for each command."""
         number, own = int(hold.commands), self.values[:, self._acting(hold)]
         time, values = _spread(self.time[:, None], number)[:, 0], _spread(own, number)
@@ -88,7 +88,7 @@ class LoggedInputs:
         for hold in {own for own in self.holds if np.isfinite(own.commands)}:
             at = times - hold.late
             near = self._near(at)
-            commands = self.part(near).each_command(hold)
+            commands = self.part(near)._each_command(hold)
             _, changes = commands._held_through(at)
             if changes.size:
                 before = int(commands._held(at[changes[:1]], 0.0)[0] // hold.commands)

@@ -136,10 +136,9 @@ def cut(
 ) -> Windows:
     """Windows of `duration` seconds (whole episodes where None) of every episode.
 
-    timestep: the model's, s. holds: how each input acts between steps. No step is in two
-    windows, and none is left out but one that stands alone between two gaps. The tail of an episode that is shorter
-    than half a window is joined to the window before it. has_gaps: False where time is known to have none, however
-    uneven it is.
+    timestep: the model's, s. holds: how each input acts between steps. No step is in two windows, and none is left out
+    but one that stands alone between two gaps. The tail of an episode that is shorter than half a window is joined to
+    the window before it. has_gaps: False where time is known to have none, however uneven it is.
     """
     time, sampled = samples.time, samples.sampled
     spans = [

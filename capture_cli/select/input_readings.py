@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,11 +25,11 @@ from capture_cli.select.balance_scores import screening_of
 from capture_cli.select.beam import BeamSettings, grown
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.criterion import bic_gain
+from capture_cli.select.log_parts import SETTINGS as LOG_PARTS
 from capture_cli.select.log_parts import LogParts
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import effective_samples
 
-FITTED = 36  # windows, by which simulations tell
 NARROW = BeamSettings(width=2, branches=2, pairs=4)
 PreparedAs = Callable[[Task], PreparedLog]
 
@@ -104,8 +103,8 @@ def timings_with_effects(
 ) -> tuple[tuple[InputTiming, ...], Screening | None]:
     """How the inputs act of which the task does not say it, all alike: by the force balance where that is sure, and by
     simulations otherwise; with the screening of the candidates in that reading. None where the log gives no balance.
-    They are held where the other reading leaves more than noise: what is missing may look like it. Of two effects one
-    may make up for the reading: held inputs are like a delay of what changes evenly. Then simulations decide, too.
+    Of two effects one may make up for the reading: held inputs are like a delay of what changes evenly. Then
+    simulations decide, too. Inputs are held where no other reading explains the log: what is missing may look like one.
 
     prepared: with the task as it was given, and what the declared model alone says of its inputs; where that explains
     the log with one reading, one effect with the other has to be surely better. prepared_as: makes the log ready for
@@ -165,9 +164,7 @@ def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads
 
 def _read(unread: Task, hold: Hold) -> Task:
     """The task with all inputs acting alike of which it does not say how they act."""
-    known = copy(unread)
-    known.inputs = tuple(replace(c, hold=hold) if c.hold is None else c for c in unread.inputs)
-    return known
+    return unread.with_holds(c.hold or hold for c in unread.inputs)
 
 
 def _best_fit(
@@ -193,5 +190,5 @@ def _bic_gain(before: Fit, after: Fit) -> float:
 
 def _fit(prepared: PreparedLog, model: BalancedModel, threads: int | None, *, escapes: bool) -> Fit | None:
     windows = np.flatnonzero(~prepared.split.is_test)
-    part = prepared.part(windows[evenly_spread(len(windows), FITTED)])
+    part = prepared.part(windows[evenly_spread(len(windows), LOG_PARTS.fitted)])
     return ModelFits(prepared, threads).fit(part, model.effects, model.start, effort=Effort(escapes=escapes))

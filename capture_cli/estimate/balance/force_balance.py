@@ -174,8 +174,7 @@ class ForceBalance:
 
     def read_as(self, holds: Sequence[Hold]) -> ForceBalance:
         """The balance with inputs that act so between rows."""
-        task = copy(self.smoothed.task)
-        task.inputs = tuple(replace(c, hold=own) for c, own in zip(task.inputs, holds, strict=True))
+        task = self.smoothed.task.with_holds(holds)
         return ForceBalance(replace(self.smoothed, task=task), self.point, self.threads, self.acting)
 
     def of_parameter(self, index: int) -> Accelerations:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -108,6 +108,12 @@ class Task(ABC):
     def holds(self) -> tuple[Hold, ...]:
         """How each input acts between rows of a log."""
         return tuple(HELD if c.hold is None else c.hold for c in self.inputs)
+
+    def with_holds(self, holds: Iterable[Hold]) -> Self:
+        """The task with inputs that act so between rows."""
+        known = copy(self)
+        known.inputs = tuple(replace(c, hold=own) for c, own in zip(self.inputs, holds, strict=True))
+        return known
 
     def controls(self, inputs: np.ndarray) -> np.ndarray:
         """Inputs (..., input) as ctrl (..., nu); actuators that are no input get 0."""
