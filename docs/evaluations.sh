@@ -37,32 +37,24 @@ capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey $(rows 
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier equal/air-hockey/capture --identifier equal/air-hockey/capture-trajectory --pairs 30 --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal-paper
 capture eval-sim2sim --task scooping --policy runs/policies/scooping $(rows scooping capture capture-trajectory) --seeds 1 --rounds 10 --out runs/evaluation/scooping-equal
 
-# k and L, each from 1536 histories; their checkpoints are not shipped.
-capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search randomized-binary --pairs 1536 --seed 1 --out ablations/randomized-binary.zarr
-capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 5 --pairs 1536 --seed 1 --out ablations/L5.zarr
-capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 9 --pairs 1536 --seed 1 --out ablations/L9.zarr
-capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 13 --pairs 1536 --seed 1 --out ablations/L13.zarr
-capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/randomized-binary
-capture train-sysid --histories ablations/L5.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L5
-capture train-sysid --histories ablations/L9.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L9
-capture train-sysid --histories ablations/L13.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L13
-capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/k2 --window 2
-capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/k6 --window 6
-capture eval-sim2sim --suite paper --cell air-hockey-L --cell air-hockey-k --identifier ablations --policy runs/policies --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-ablations
-# Scooping: three trainings, each from histories of its own.
-for n in 1 2 3; do
-  train_ablation() { # L NAME OPTIONS
-    capture train-sysid --histories "ablations/scooping-L$1-$n.zarr" --identifier capture-trajectory --width 32 --layers 2 --heads 2 --steps 2000 --batch 128 --precision float32 --seed $((n - 1)) --out "ablations/$n/scooping/$2" "${@:3}"
-  }
+# L and k: three trainings, each from histories of its own; their checkpoints are not shipped.
+train_ablation() { # L NAME OPTIONS
+  capture train-sysid --histories "ablations/$task-L$1-$n.zarr" --identifier capture-trajectory $size --steps 2000 --batch 128 --precision float32 --seed $((n - 1)) --out "ablations/$n/$task/$2" "${@:3}"
+}
+for task in air-hockey scooping; do for n in 1 2 3; do
+  case $task in
+    air-hockey) size="--width 64" rounds=20 ;;
+    scooping) size="--width 32 --layers 2 --heads 2" rounds=$((n == 1 ? 30 : 10)) ;;
+  esac
   for L in 5 7 9 13; do
-    capture gen-histories --task scooping --policy runs/policies/scooping --rounds $L --pairs 1536 --seed $n --out ablations/scooping-L$L-$n.zarr
+    capture gen-histories --task $task --policy runs/policies/$task --rounds $L --pairs 1536 --seed $n --out ablations/$task-L$L-$n.zarr
     train_ablation $L L$L
   done
   for k in 2 3 5 6; do
     train_ablation 7 k$k --window $k
   done
-  capture eval-sim2sim --suite paper --cell scooping-L --cell scooping-k --identifier ablations/$n --policy runs/policies --seeds 1 --rounds $((n == 1 ? 30 : 10)) --out runs/evaluation/scooping-ablations/$n
-done
+  capture eval-sim2sim --suite paper --cell $task-L --cell $task-k --identifier ablations/$n --policy runs/policies --seeds 1 --rounds $rounds --out runs/evaluation/$task-ablations/$n
+done; done
 
 # Trained with the noise:
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --noise scale --pairs 8192 --seed 1 --out noisy.zarr
