@@ -22,9 +22,9 @@ class SETTINGS:
 class Hold:
     """How an input acts between samples.
 
-    commands: that there are from one sample to the next, evenly in time and in value, each held until the next: 1 where
-    the sample itself is held, inf where the input is interpolated. late: s, after the time of its sample; before it
-    where negative.
+    commands: that there are from one sample to the next, evenly in time and on a cubic in value, each held until the
+    next: 1 where the sample itself is held, inf where the input is interpolated linearly. late: s, after the time of
+    its sample; before it where negative.
     """
 
     commands: float = 1.0
@@ -68,15 +68,20 @@ class LoggedInputs:
                 values[:, own] = np.stack([np.interp(at, self.time[near], c) for c in columns], axis=1)
                 continue
             begin = near.start if sums_from is None else sums_from
-            commands = self.part(slice(begin, near.stop))._each_command(hold)
+            commands = self._each_command(hold, slice(begin, near.stop))
             values[:, own] = commands._held_at(at, None if sums_from is None else 0)
         return values
 
-    def _each_command(self, hold: Hold) -> LoggedInputs:
-        """The inputs that act so, with a sample for each command."""
-        number, own = int(hold.commands), self.values[:, self._acting(hold)]
-        time, values = _spread(self.time[:, None], number)[:, 0], _spread(own, number)
-        return replace(self, time=time, values=values, holds=[HELD] * values.shape[1])
+    def _each_command(self, hold: Hold, samples: slice) -> LoggedInputs:
+        """The inputs that act so, with a sample for each command from the first of `samples` to the last."""
+        before = min(samples.start, 1)
+        wider = self.part(slice(samples.start - before, samples.stop + 1))
+        number, own = int(hold.commands), slice(before, before + len(self.time[samples]))
+        slopes = _slopes(wider.time[:, None], values := wider.values[:, self._acting(hold)])
+        time = wider.time[own, None]
+        commands = _between(time, values[own], slopes[own], number)
+        each = _between(time, time, np.ones_like(time), number)[:, 0]
+        return replace(self, time=each, values=commands, holds=[HELD] * commands.shape[1])
 
     def _acting(self, hold: Hold) -> np.ndarray:
         """Which inputs act so, (input,)."""
@@ -88,7 +93,7 @@ class LoggedInputs:
         for hold in {own for own in self.holds if np.isfinite(own.commands)}:
             at = times - hold.late
             near = self._near(at)
-            commands = self.part(near)._each_command(hold)
+            commands = self._each_command(hold, near)
             _, changes = commands._held_through(at)
             if changes.size:
                 before = int(commands._held(at[changes[:1]], 0.0)[0] // hold.commands)
@@ -133,10 +138,25 @@ class LoggedInputs:
         return (end - begin) / self.timestep
 
 
-def _spread(samples: np.ndarray, number: int) -> np.ndarray:
-    """`number` values from each sample (step, column) to the next, evenly between, and the last: (..., column)."""
-    share = np.arange(number)[:, None] / number
-    between = samples[:-1, None] + share * np.diff(samples, axis=0)[:, None]
+def _slopes(time: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Of samples (step, column) at time (step, 1): that of the parabola through each and its two neighbours; at the
+    ends of the chord.
+    """
+    gaps = np.diff(time, axis=0)
+    chords = np.diff(samples, axis=0) / gaps
+    inside = (gaps[1:] * chords[:-1] + gaps[:-1] * chords[1:]) / (gaps[1:] + gaps[:-1])
+    return np.concatenate([chords[:1], inside, chords[-1:]]) if len(chords) else np.zeros_like(samples)
+
+
+def _between(time: np.ndarray, samples: np.ndarray, slopes: np.ndarray, number: int) -> np.ndarray:
+    """`number` values from each sample (step, column) at time (step, 1) to the next, on the cubic of both and of their
+    slopes (Hermite), and the last sample: (..., column).
+    """
+    share = (np.arange(number) / number)[:, None]
+    gaps, rises = np.diff(time, axis=0)[:, None], np.diff(samples, axis=0)[:, None]
+    first, last = gaps * slopes[:-1, None], gaps * slopes[1:, None]
+    cubic = share * (first + last - 2 * rises)
+    between = samples[:-1, None] + share * (first + share * (3 * rises - 2 * first - last + cubic))
     return np.concatenate([between.reshape(-1, samples.shape[1]), samples[-1:]])
 
 
