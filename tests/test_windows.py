@@ -121,7 +121,9 @@ def inputs_at(time, inputs, begin, hold) -> list[float]:
         return [held, inputs[0, 1]]
     rows = np.arange(hold.commands * (len(time) - 1) + 1) / hold.commands
     finer = np.interp(rows, np.arange(len(time)), time)
-    commands = CubicHermiteSpline(time, inputs, [slopes_at(time, inputs, row) for row in range(len(time))])(finer)
+    commands = CubicHermiteSpline(time, inputs, [slopes_at(time, inputs, row) for row in range(len(time))])(
+        finer
+    )
     return [held, mean_over_step(finer, commands, at)[1]]
 
 

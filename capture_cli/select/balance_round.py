@@ -61,7 +61,6 @@ class BalanceRound:
         self.ranked = by_score(candidates)
         values = [current.point[current.columns(e.name)] for e in current.effects]
         self._before, self._best = models.judge(current), None
-        self._others: list[BalancedModel] = []
         # fits whose effects are at ends of their ranges: of which effects, at which ends, and what that says
         self._at_ends: list[tuple[frozenset[str], frozenset, str]] = []
         # beside what was found already one is looked for at a time
@@ -111,8 +110,6 @@ class BalanceRound:
             larger = number > 0
             if larger:
                 smaller = least([s.fit for s in found]) or self.current
-            else:
-                self._others = level.others
             more = self._best_that_hold(level, smaller)
             found += more
             if (larger and not more) or self._explained(found):
@@ -127,10 +124,6 @@ class BalanceRound:
         while not (found or self.current.effects) and (level := level.behind(BEAM)):
             found = self._fit(level.as_good, smaller)
         return found
-
-    def ask_others(self) -> None:
-        """Fit the single effects that the balance puts behind, too."""
-        self.supported = self._with_unions(self._fit(self._others, self.current))
 
     def _with_unions(self, found: list[FittedSet]) -> list[FittedSet]:
         """`found`, and larger sets of it where it leaves something."""

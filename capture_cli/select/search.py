@@ -237,8 +237,9 @@ class Attribution:
 
     def _next(self, current: Fit) -> Fit | None:
         """The model with what is accepted next; None where nothing is: what the force balance puts first, or what
-        simulations alone tell of where that is better, and, before it is said that nothing explains the log, what the
-        balance puts behind. Simulations are not asked where the balance leaves too little for another to matter.
+        simulations alone tell of where that is better, and, before it is said that nothing explains the log, what
+        simulations tell of the rest: of friction on a body at rest the balance has no derivative. Simulations are not
+        asked where the balance leaves too little for another to matter.
         """
         self.models.held = []
         balance = self._balance_round(current)
@@ -249,8 +250,7 @@ class Attribution:
             if choice is None or self._leaves_much(choice[0].fit, current):
                 choice = self._better(choice, self._by_simulation(current, choice))
             if choice is None and not (self.accepted or self.given):
-                balance.ask_others()
-                choice = self._of_balance(balance)
+                choice = self._by_simulation(current, covered=True)
         return None if choice is None else self._with(*choice, current)
 
     def _leaves_much(self, fit: Fit, current: Fit) -> bool:
@@ -295,13 +295,15 @@ class Attribution:
             self.accepted.append(Accepted(placed, candidate.score, rivals, None, share))
         return chosen.fit
 
-    def _by_simulation(self, current: Fit, rival: Choice | None = None) -> Choice | None:
+    def _by_simulation(
+        self, current: Fit, rival: Choice | None = None, *, covered: bool = False
+    ) -> Choice | None:
         """The best of what simulations alone tell of, with its rivals. Where something is hit that is everything: of
-        impacts the balance has seen nothing. rival: what the balance found.
+        impacts the balance has seen nothing. rival: what the balance found. covered: of what the balance tells of.
         """
         screening = self.models.screening(self._step)
         told = frozenset() if screening is None or screening.hits else screening.covered
-        outside = [c for c in self._outside if c.name not in told]
+        outside = [c for c in self._outside if (c.name in told) == covered]
         if not outside:
             return None
         found = ForwardRound(
