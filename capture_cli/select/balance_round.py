@@ -268,7 +268,7 @@ def _first(reasons: Iterable[str | None]) -> str | None:
 
 def _is_one_law(added: Sequence[Placed]) -> bool:
     """Whether the effects are one law, at one place or several."""
-    return len({e.kind for e in added}) == 1
+    return len({e.law for e in added}) == 1
 
 
 def _names(effects: Sequence[Placed]) -> frozenset[str]:

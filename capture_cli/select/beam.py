@@ -176,11 +176,11 @@ def _made(
     groups = screening.groups(additions)[: settings.branches]
     chosen = _of_each_kind(groups, settings.of_a_branch)
     found = [a.model for a in chosen]
-    for kind in dict.fromkeys(e.kind for e in model.effects[known:]):
-        places = {e.effect.variant_of: None for e in model.effects if e.kind == kind}
+    for law in dict.fromkeys(e.law for e in model.effects[known:]):
+        places = {e.effect.variant_of: None for e in model.effects if e.law == law}
         for addition in additions:
             effect = addition.placed.effect
-            if addition.placed.kind == kind and effect.site != GLOBAL and addition.gain > 0:
+            if addition.placed.law == law and effect.site != GLOBAL and addition.gain > 0:
                 places.setdefault(effect.variant_of, addition.model)
         others = [m for m in places.values() if m is not None]
         if len(others) > 1:  # one alone is among the branches, if it is good

@@ -62,7 +62,7 @@ class ExpressionTerm(Effect):
     def __init__(self, model: mujoco.MjModel, joint: int, term: Term):
         self.model = model
         self.joint = joint
-        self.term = term
+        self.term, self.formula_term = term, term.text
         self.dof = int(model.jnt_dofadr[joint])
         self.site = f"{object_name(model, 'joint', joint)}: {term.text}"
 

@@ -202,13 +202,13 @@ class ForwardRound:
         """Laws that hold somewhere at all of the places that scores speak for, at once, or at all of those where they
         hold.
         """
-        for kind in dict.fromkeys(c.placed.kind for c in self._held):
-            best = least([c.fit for c in self._held if c.placed.kind == kind])
+        for law in dict.fromkeys(c.placed.law for c in self._held):
+            best = least([c.fit for c in self._held if c.placed.law == law])
             for some in (self.ranked, self._held):
                 places = {
                     c.placed.effect.variant_of: c
                     for c in reversed(some)
-                    if c.placed.kind == kind and c.placed.effect.site != GLOBAL
+                    if c.placed.law == law and c.placed.effect.site != GLOBAL
                 }
                 if len(places) > 1 and (fitted := self._together(list(places.values()), best)):
                     self.supported.append(fitted)

@@ -171,7 +171,7 @@ class Attribution:
     @property
     def _count(self) -> int:
         """How many effects are accepted: of the catalogue a law at several places counts once."""
-        return len({a.name if self.given else a.placed.kind for a in self.accepted})
+        return len({a.placed.law for a in self.accepted})
 
     @property
     def _minor(self) -> list[Accepted]:
@@ -206,7 +206,7 @@ class Attribution:
             places = [
                 c.placed
                 for c in self._outside
-                if c.placed.kind == accepted.placed.kind and c.placed.effect.site != GLOBAL
+                if c.placed.law == accepted.placed.law and c.placed.effect.site != GLOBAL
             ]
             if len(places) < 2:
                 continue
@@ -365,11 +365,11 @@ class Attribution:
         What spoke for one while others were missing may have been theirs. The last that came was asked then. Of a law
         at several places one place is asked.
         """
-        asked: set[str] = set()
+        asked: set[tuple[str, str]] = set()
         for accepted in self.accepted:
-            if (accepted is self.accepted[-1] and accepted.rivals) or accepted.placed.kind in asked:
+            if (accepted is self.accepted[-1] and accepted.rivals) or accepted.placed.law in asked:
                 continue
-            asked.add(accepted.placed.kind)
+            asked.add(accepted.placed.law)
             without = self.models.without(current, accepted.name)
             if without is None:
                 continue

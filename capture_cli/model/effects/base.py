@@ -158,6 +158,7 @@ class Effect(ABC):
     reads_actuators: whether it has a `pick_up`, for which a simulation keeps what its actuators give.
     reports_late: whether it has a `lateness`, for which a simulation begins before its window.
     number_by_number: whether it has a parameter for each of a sensor's numbers, of those alone that a log has.
+    formula_term: its text where it is a term of a formula: terms at one joint are no places of one law.
     window, longest, logged: of the log that it is looked for in, see `SeenLog`; None where in no log.
     states_tried: points (point, state) among which those that a simulation began with are looked for, where a descent
         from 0 can miss them; none where it finds them.
@@ -184,6 +185,7 @@ class Effect(ABC):
     states_before: ClassVar[bool] = False
     states_tried: np.ndarray = np.zeros((0, 0))
     states_anywhere: ClassVar[bool] = False
+    formula_term: str = ""
     states_scored: ClassVar[np.ndarray] = np.zeros((1, 0))
     reads_acceleration: ClassVar[bool] = False
     reads_actuators: ClassVar[bool] = False

@@ -14,6 +14,11 @@ class Placed(NamedTuple):
     effect: Effect
 
     @property
+    def law(self) -> tuple[str, str]:
+        """What it is wherever it sits."""
+        return self.kind, self.effect.formula_term
+
+    @property
     def name(self) -> str:
         return placed_name(self.kind, self.effect.site)
 
