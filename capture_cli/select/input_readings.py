@@ -28,7 +28,7 @@ from capture_cli.select.criterion import bic_gain
 from capture_cli.select.log_parts import SETTINGS as LOG_PARTS
 from capture_cli.select.log_parts import LogParts
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
-from capture_cli.select.model_comparison import effective_samples
+from capture_cli.select.model_comparison import chance, effective_samples
 
 NARROW = BeamSettings(width=2, branches=2, pairs=4)
 PreparedAs = Callable[[Task], PreparedLog]
@@ -178,14 +178,16 @@ def _best_fit(
     if not explaining:
         return held
     before = _fit(prepared_as(held.task), held.model, threads, escapes=True)
-    gains = [np.inf if before is None else _bic_gain(before, fit) for _, fit in explaining]
+    gains = [np.inf if before is None else _sure_gain(before, fit) for _, fit in explaining]
     best = int(np.argmax(gains))
     return explaining[best][0] if gains[best] > COMPARISON.clearly_better else held
 
 
-def _bic_gain(before: Fit, after: Fit) -> float:
+def _sure_gain(before: Fit, after: Fit) -> float:
+    """By BIC, beyond what hidden states may take of the noise."""
     more = len(after.point) - len(before.point)
-    return bic_gain(before.penalised_squares, after.penalised_squares, effective_samples(after), more)
+    gain = bic_gain(before.penalised_squares, after.penalised_squares, effective_samples(after), more)
+    return gain - chance(before, after)
 
 
 def _fit(prepared: PreparedLog, model: BalancedModel, threads: int | None, *, escapes: bool) -> Fit | None:

@@ -347,7 +347,7 @@ class ModelComparison:
         more, gain = self._more_and_gain(best, other)
         if more < 0 and gain - self._behind(best, other) > SETTINGS.strong:
             return True
-        return gain > -SETTINGS.clearly_better - _chance(best, other) and self._indistinct(best, other)
+        return gain > -SETTINGS.clearly_better - chance(best.fit, other.fit) and self._indistinct(best, other)
 
     def best_of(self, some: Sequence[Compared]) -> Compared:
         """By BIC."""
@@ -440,7 +440,7 @@ class ModelComparison:
             if min(abs(gain), abs(whole)) <= SETTINGS.strong:
                 return TIED
             return WORSE if whole < 0 else BETTER
-        if abs(gain) > SETTINGS.clearly_better + _chance(mine, other):
+        if abs(gain) > SETTINGS.clearly_better + chance(mine.fit, other.fit):
             return WORSE if gain < 0 else BETTER
         return TIED
 
@@ -463,9 +463,9 @@ def _similarity(one: Compared, other: Compared) -> float:
     return similarity(*(s.response for s in scores))
 
 
-def _chance(one: Compared, other: Compared) -> float:
+def chance(one: Fit, other: Fit) -> float:
     """How much of BIC two fits may differ by because of what their hidden states took of the noise."""
-    taken = one.fit.at.fitted_hidden.sum() + other.fit.at.fitted_hidden.sum()
+    taken = one.at.fitted_hidden.sum() + other.at.fitted_hidden.sum()
     return SETTINGS.chance * float(np.sqrt(2 * taken))
 
 
