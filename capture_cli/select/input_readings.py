@@ -12,6 +12,7 @@ from capture_cli.estimate.balance.input_timing import (
     SETTINGS,
     InputTiming,
     Likelihoods,
+    changing_holds,
     is_surely_better,
     likeliest,
 )
@@ -53,6 +54,11 @@ class Reading:
     def task(self) -> Task:
         return _read(self.unread, self.hold)
 
+    @property
+    def declared(self) -> BalancedModel:
+        """The model without effects."""
+        return replace(self.model, effects=(), values=())
+
     def is_surely_better_than(self, other: Reading, *, in_own_balance: bool = False) -> bool:
         """in_own_balance: each in that of its effects, too. A sensor's effect moves the states of a balance, not the
         noise in it, by which a few nats in a thousand rows are made up.
@@ -71,7 +77,7 @@ class Reading:
         where there is none. No effect is a sensor's, see `is_surely_better_than`. Those that act before their rows are
         asked with the same effect.
         """
-        declared = replace(self.model, effects=(), values=())
+        declared = self.declared
         ours = self.screening.fitted(declared), self.screening.best(but_at="measurement")
 
         def asked(hold: Hold) -> Likelihoods:
@@ -128,6 +134,7 @@ def timings_with_effects(
         best = other if other.is_surely_better_than(known, in_own_balance=True) else known
     else:
         best = _of_pairs(held, changing, prepared_as, threads)
+    best = _nearest_fit(best, prepared_as, threads)
     if told == {best.hold}:
         return prepared.input_timings, best.screening
     gain, error = best.model.gain((changing if best.hold == HELD else held).model)
@@ -183,11 +190,41 @@ def _best_fit(
     return explaining[best][0] if gains[best] > COMPARISON.clearly_better else held
 
 
+def _nearest_fit(best: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:
+    """`best`, or that with a command more or less from row to row which the balance does not tell from it, by what fits
+    by simulations leave with its effects and without them.
+    """
+    holds = changing_holds(best.screening.balance)
+    if best.hold not in holds or not best.model.effects:
+        return best
+    place = holds.index(best.hold)
+    others = [
+        Reading.of(best.unread, h, best.screening)
+        for h in holds[max(place - 1, 0) : place + 2]
+        if h != best.hold
+    ]
+    others = [replace(r, model=r.screening.fitted(best.model)) for r in others]
+    near = [best, *(r for r in others if not best.is_surely_better_than(r))]
+    if len(near) == 1:
+        return best
+    found = []
+    for reading in near:
+        prepared = prepared_as(reading.task)
+        models = reading.model, reading.screening.fitted(reading.declared)
+        fits = (_fit(prepared, model, threads, escapes=False) for model in models)
+        found += [(reading, fit) for fit in fits if fit is not None]
+    first = found[0][1]
+    return max(found, key=lambda pair: _bic_gain(first, pair[1]))[0]
+
+
 def _sure_gain(before: Fit, after: Fit) -> float:
     """By BIC, beyond what hidden states may take of the noise."""
+    return _bic_gain(before, after) - chance(before, after)
+
+
+def _bic_gain(before: Fit, after: Fit) -> float:
     more = len(after.point) - len(before.point)
-    gain = bic_gain(before.penalised_squares, after.penalised_squares, effective_samples(after), more)
-    return gain - chance(before, after)
+    return bic_gain(before.penalised_squares, after.penalised_squares, effective_samples(after), more)
 
 
 def _fit(prepared: PreparedLog, model: BalancedModel, threads: int | None, *, escapes: bool) -> Fit | None:

@@ -358,11 +358,14 @@ class ForceBalance:
         """Change of the balance where the sensors report what they do through an effect at `values` (parameter,).
 
         The predicted acceleration stands for the measured one, as it does for inertias: of a reading that is off in
-        proportion "no motion at all" is no solution.
+        proportion "no motion at all" is no solution. Velocities are as measured, however much later: by the predicted
+        acceleration a damped joint's rows would shrink, all noise in them, too.
         """
         reporting = self._with(effect, values)
-        true = self._true(self._instrument(self._lateness(reporting)), reporting)
-        qpos, qvel, acceleration = self.smoothed.states(true, self.points.step)
+        late = self._lateness(reporting)
+        step = self.points.step
+        qpos, qvel, _ = self.smoothed.states(self._true(self._numbers(late), reporting), step)
+        acceleration = self.smoothed.states(self._true(self._instrument(late), reporting), step)[2]
         predicted = self._forces(state=(qpos, qvel, self.state[2])).predicted
         return Accelerations(acceleration - self._instrumented, predicted - self.null.predicted)
 
@@ -424,11 +427,7 @@ class ForceBalance:
         return self.smoothed.filtered(self.null.predicted, self.points.part, self.points.step)
 
     def _instrument(self, late: np.ndarray) -> np.ndarray:
-        """Outputs with curvatures as predicted, (point, 3, output), each `late` s later (point, output).
-
-        Between now and then slopes change by the predicted acceleration, too: by the measured one they would show what
-        is missing.
-        """
+        """Outputs with curvatures as predicted, (point, 3, output), each `late` s later (point, output)."""
         numbers, later = self._numbers(late), late - self.late
         for source in self.smoothed.sources:
             if source.weights is not None:
@@ -440,9 +439,7 @@ class ForceBalance:
                 for own in self._own_points:
                     at = self.points.since[own]
                     spline = CubicSpline(at, self.predicted_smooth[own, dof])
-                    speed, then = spline.antiderivative(), at + later[own, column]
-                    numbers[own, 1, column] = self.numbers[own, 1, column] + speed(then) - speed(at)
-                    numbers[own, 2, column] = spline(then)
+                    numbers[own, 2, column] = spline(at + later[own, column])
         return numbers
 
     @cached_property

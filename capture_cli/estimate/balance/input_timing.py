@@ -127,12 +127,9 @@ def likeliest(
     asked: gives the likelihoods of an even change, and of another hold. That an input acts before its row has to be
     surely better: it is the record's fault.
     """
-    smoothed = balance.smoothed
-    row = float(np.median(np.concatenate([np.diff(smoothed.log.time[p]) for p in smoothed.parts])))
-    # more differ from an even change by less than a step of the model
-    most = min(settings.most, int(np.ceil(row / smoothed.task.timestep - 1e-6)) - 1)
+    row = _row(balance)
     gains = {EVENLY: 0.0}
-    for hold in [Hold(float(n)) for n in range(2, most + 1)]:
+    for hold in changing_holds(balance, settings)[:-1]:
         evenly, other = asked(hold)
         gains[hold] = float((other - evenly).sum())
     if is_surely_better(*asked(Hold(np.inf, -settings.early * row)), settings):
@@ -143,10 +140,25 @@ def likeliest(
             options={"xatol": settings.finest * row},
         )
         # held commands that act a row earlier are as late as that: within half a step the balance tells no difference
-        step = smoothed.task.timestep
+        step = balance.smoothed.task.timestep
         is_whole = abs(early.x + (row + step) / 2) < step / 2
         gains[Hold(1.0, -row) if is_whole else Hold(np.inf, float(early.x))] = -float(early.fun)
     return max(gains, key=gains.__getitem__)
+
+
+def changing_holds(balance: ForceBalance, settings: InputTimingSettings = SETTINGS) -> list[Hold]:
+    """How inputs may act that change between rows: by two commands, three and so on, and evenly, which is next to most
+    of them.
+    """
+    # more differ from an even change by less than a step of the model
+    steps = int(np.ceil(_row(balance) / balance.smoothed.task.timestep - 1e-6))
+    return [*(Hold(float(n)) for n in range(2, min(settings.most + 1, steps))), EVENLY]
+
+
+def _row(balance: ForceBalance) -> float:
+    """s, from a row to the next."""
+    smoothed = balance.smoothed
+    return float(np.median(np.concatenate([np.diff(smoothed.log.time[p]) for p in smoothed.parts])))
 
 
 def is_surely_better(known: np.ndarray, other: np.ndarray, settings: InputTimingSettings = SETTINGS) -> bool:
