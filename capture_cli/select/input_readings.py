@@ -59,32 +59,21 @@ class Reading:
         """The model without effects."""
         return replace(self.model, effects=(), values=())
 
-    def is_surely_better_than(self, other: Reading, *, in_own_balance: bool = False) -> bool:
-        """in_own_balance: each in that of its effects, too. A sensor's effect moves the states of a balance, not the
-        noise in it, by which a few nats in a thousand rows are made up.
-        """
-        sure = is_surely_better(other.model.likelihood, self.model.likelihood)
-        if not sure or not in_own_balance:
-            return sure
-        return is_surely_better(*(own._in_own_balance().likelihood for own in (other, self)))
-
-    def _in_own_balance(self) -> BalancedModel:
-        model = self.model
-        return self.screening.about(model.point, model.effects, model.values).fitted(model)
+    def is_surely_better_than(self, other: Reading) -> bool:
+        return is_surely_better(other.model.likelihood, self.model.likelihood)
 
     def likelier(self) -> Reading | None:
         """Of inputs that change evenly: another reading that predicts more, with no effect, or each with its best; None
-        where there is none. No effect is a sensor's, see `is_surely_better_than`. Those that act before their rows are
-        asked with the same effect.
+        where there is none. Those that act before their rows are asked with the same effect.
         """
         declared = self.declared
-        ours = self.screening.fitted(declared), self.screening.best(but_at="measurement")
+        ours = self.screening.fitted(declared), self.screening.best()
 
         def asked(hold: Hold) -> Likelihoods:
             own = self.screening.read_as(_read(self.unread, hold).holds)
             theirs = (
                 own.fitted(declared),
-                own.fitted(ours[1]) if hold.late else own.best(but_at="measurement"),
+                own.fitted(ours[1]) if hold.late else own.best(),
             )
             pairs = [(known.likelihood, other.likelihood) for known, other in zip(ours, theirs, strict=True)]
             return max(pairs, key=lambda pair: (pair[1] - pair[0]).sum())
@@ -126,12 +115,12 @@ def timings_with_effects(
     if changing.model.beyond_noise < SETTINGS.hopeless and not held.is_surely_better_than(changing):
         other = changing.likelier()
         # what the record explains needs no effect
-        if other is not None and not changing.is_surely_better_than(other, in_own_balance=True):
+        if other is not None and not changing.is_surely_better_than(other):
             changing = other
     told = {t.hold for t in prepared.input_timings}
     if told:
         known, other = (held, changing) if HELD in told else (changing, held)
-        best = other if other.is_surely_better_than(known, in_own_balance=True) else known
+        best = other if other.is_surely_better_than(known) else known
     else:
         best = _of_pairs(held, changing, prepared_as, threads)
     best = _nearest_fit(best, prepared_as, threads)

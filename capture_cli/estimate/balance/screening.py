@@ -266,10 +266,10 @@ class Screening:
         sizes = np.linalg.norm(one.response) * np.linalg.norm(other.response)
         return abs(one.response @ other.response) > self.settings.alike * sizes
 
-    def best(self, but_at: str = "") -> BalancedModel:
-        """The declared model, or that with the one effect that predicts most, of those not at the place `but_at`."""
+    def best(self) -> BalancedModel:
+        """The declared model, or that with the one effect that predicts most."""
         declared, additions = self._fitted_and_additions((), ())
-        added = [a.model for a in additions if a.model.likelihood.size and a.placed.effect.place != but_at]
+        added = [a.model for a in additions if a.model.likelihood.size]
         return max([declared, *added], key=lambda m: m.likelihood.sum())
 
     # --- the balance ---
