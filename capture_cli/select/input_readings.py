@@ -50,6 +50,11 @@ class Reading:
         own = screening.read_as(_read(unread, hold).holds)
         return cls(unread, hold, own, own.best())
 
+    def with_hold(self, hold: Hold) -> Reading:
+        """With the same model, its inputs acting otherwise."""
+        own = self.screening.read_as(_read(self.unread, hold).holds)
+        return replace(self, hold=hold, screening=own, model=own.fitted(self.model))
+
     @property
     def task(self) -> Task:
         return _read(self.unread, self.hold)
@@ -63,19 +68,14 @@ class Reading:
         return is_surely_better(other.model.likelihood, self.model.likelihood)
 
     def likelier(self) -> Reading | None:
-        """Of inputs that change evenly: another reading that predicts more, with no effect, or each with its best; None
-        where there is none. Those that act before their rows are asked with the same effect.
+        """Of inputs that change evenly: another reading that predicts more, with no effect or with that of the model,
+        and its best model; None where there is none.
         """
-        declared = self.declared
-        ours = self.screening.fitted(declared), self.screening.best()
+        ours = self.screening.fitted(self.declared), self.model
 
         def asked(hold: Hold) -> Likelihoods:
             own = self.screening.read_as(_read(self.unread, hold).holds)
-            theirs = (
-                own.fitted(declared),
-                own.fitted(ours[1]) if hold.late else own.best(),
-            )
-            pairs = [(known.likelihood, other.likelihood) for known, other in zip(ours, theirs, strict=True)]
+            pairs = [(known.likelihood, own.fitted(known).likelihood) for known in ours]
             return max(pairs, key=lambda pair: (pair[1] - pair[0]).sum())
 
         hold = likeliest(asked, self.screening.balance)
@@ -187,12 +187,7 @@ def _nearest_fit(best: Reading, prepared_as: PreparedAs, threads: int | None) ->
     if best.hold not in holds or not best.model.effects:
         return best
     place = holds.index(best.hold)
-    others = [
-        Reading.of(best.unread, h, best.screening)
-        for h in holds[max(place - 1, 0) : place + 2]
-        if h != best.hold
-    ]
-    others = [replace(r, model=r.screening.fitted(best.model)) for r in others]
+    others = [best.with_hold(h) for h in holds[max(place - 1, 0) : place + 2] if h != best.hold]
     near = [best, *(r for r in others if not best.is_surely_better_than(r))]
     if len(near) == 1:
         return best
