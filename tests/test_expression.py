@@ -104,6 +104,17 @@ def test_every_joint_has_terms_of_its_own_and_of_the_others():
         assert {f"{own}: q^3", f"{own}: v|v|", f"{own}: v v_{other}"} <= set(sites)
 
 
+def test_terms_at_one_joint_are_no_places_of_one_law():
+    task = load_task(str(CART_POLE))
+    terms = expression_terms(task.model, [c.index for c in task.inputs])
+    at = {}
+    for term in terms:
+        at.setdefault(term.effect.joint, []).append(term.law)
+    assert all(len(set(laws)) == len(laws) for laws in at.values())
+    first, second = at.values()
+    assert {law for law in first if law in second} >= {("expression", "q"), ("expression", "v|v|")}
+
+
 def test_the_formula_has_a_line_for_each_joint():
     task = load_task(str(CART_POLE))
     terms = {e.site: e for _, e in expression_terms(task.model, [])}
