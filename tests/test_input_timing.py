@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from balances import Made
 
 from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
 from capture_cli.estimate.log_balance import with_timings
@@ -120,3 +121,15 @@ def test_where_the_declared_model_explains_the_log_by_inputs_that_change_evenly_
     found = _prepared(LogToFit(log, task, options, Provenance("diagnose", {}, {})), None, TimeLimit())
     assert found.task.holds == (HELD,)
     assert [t.hold for t in found.input_timings] == [HELD]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_late_sensor_does_not_make_up_for_inputs_that_are_misread(seed):
+    # a joint's damping is no reason why the noise of a late sensor should look like less
+    own = Made.of("finger", seed=seed)
+    late = [p for p in own.placed if p.name in ("sensor-delay", "sensor-low-pass")]
+    held = own.screening(late)
+    declared = held.fitted(replace(held.best(), effects=(), values=()))
+    misread = held.read_as([EVENLY, EVENLY]).best()
+    assert misread.effects
+    assert misread.gain(declared)[0] < 5.0
