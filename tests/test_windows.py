@@ -112,6 +112,12 @@ def known_from(windows, times, window, first) -> int:
     return begin + int(np.flatnonzero(before)[-1] + 1 if before.any() else 0)
 
 
+def assert_same_inputs(found, expected, hold):
+    # a cubic through uneven rows is as steep as the steepest: the last digits of times are worth more
+    bound = 1e-12 if hold.commands in (1.0, np.inf) else 1e-9
+    np.testing.assert_allclose(found, expected, rtol=bound, atol=bound)
+
+
 def inputs_at(time, inputs, begin, hold) -> list[float]:
     """Of a step from `begin` on: the first input is held, the second acts so."""
     held, at = mean_over_step(time, inputs, begin)[0], begin - hold.late
@@ -119,18 +125,11 @@ def inputs_at(time, inputs, begin, hold) -> list[float]:
         return [held, np.interp(at, time, inputs[:, 1])]
     if len(time) == 1:
         return [held, inputs[0, 1]]
+    since = time - time[0]  # of late times the last digits would be lost
     rows = np.arange(hold.commands * (len(time) - 1) + 1) / hold.commands
-    finer = np.interp(rows, np.arange(len(time)), time)
-    commands = CubicHermiteSpline(time, inputs, [slopes_at(time, inputs, row) for row in range(len(time))])(
-        finer
-    )
-    return [held, mean_over_step(finer, commands, at)[1]]
-
-
-def slopes_at(time, inputs, row) -> np.ndarray:
-    """Of the parabola through a row and its neighbours, (input,); of the line where there is only one."""
-    near = slice(max(row - 1, 0), row + 2)
-    return np.polynomial.polynomial.polyfit(time[near] - time[row], inputs[near], len(time[near]) - 1)[1]
+    finer = np.interp(rows, np.arange(len(time)), since)
+    commands = CubicHermiteSpline(since, inputs, np.gradient(inputs, since, axis=0))(finer)
+    return [held, mean_over_step(finer, commands, at - time[0])[1]]
 
 
 @settings(max_examples=60, deadline=None)
@@ -143,7 +142,7 @@ def test_inputs_are_held_or_interpolated_on_the_grid(times, duration, hold):
         time, inputs = log["time"][known], log["inputs"][known]
         for g in range(windows.grid_steps[w]):
             expected = inputs_at(time, inputs, windows.time[w] + g * TIMESTEP, hold)
-            np.testing.assert_allclose(windows.controls[w, g], expected, rtol=1e-9, atol=1e-9)
+            assert_same_inputs(windows.controls[w, g], expected, hold)
 
 
 @settings(max_examples=60, deadline=None)
@@ -159,7 +158,7 @@ def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, 
         for g in range(lead):
             t = windows.time[w] - (lead - g) * TIMESTEP
             expected = inputs_at(time, inputs, t, hold)
-            np.testing.assert_allclose(tape[w, g], expected, rtol=1e-9, atol=1e-9)
+            assert_same_inputs(tape[w, g], expected, hold)
 
 
 def test_the_past_is_no_longer_than_any_actuator_remembers():
@@ -196,7 +195,7 @@ def test_samples_are_interpolated_at_the_logs_times(times, duration):
             simulation = len(windows) + w
             expected = np.interp(log["time"][steps], on_grid, sensors[simulation, :, output])
             found = sampled[simulation, : len(steps), output]
-            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
 @settings(max_examples=30, deadline=None)
