@@ -80,6 +80,7 @@ class LoggedInputs:
         slopes = _slopes(wider.time[:, None], values := wider.values[:, self._acting(hold)])
         time = wider.time[own, None]
         commands = _between(time, values[own], slopes[own], number)
+        # of slope 1 the cubic is a line
         each = _between(time, time, np.ones_like(time), number)[:, 0]
         return replace(self, time=each, values=commands, holds=[HELD] * commands.shape[1])
 

@@ -25,11 +25,10 @@ from capture_cli.model.tasks.base import Task
 from capture_cli.select.balance_scores import screening_of
 from capture_cli.select.beam import BeamSettings, grown
 from capture_cli.select.candidates import Candidate
-from capture_cli.select.criterion import bic_gain
 from capture_cli.select.log_parts import SETTINGS as LOG_PARTS
 from capture_cli.select.log_parts import LogParts
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
-from capture_cli.select.model_comparison import chance, effective_samples
+from capture_cli.select.model_comparison import chance, gain_by_bic
 
 NARROW = BeamSettings(width=2, branches=2, pairs=4)
 PreparedAs = Callable[[Task], PreparedLog]
@@ -44,16 +43,18 @@ class Reading:
     screening: Screening
     model: BalancedModel
 
-    @classmethod
-    def of(cls, unread: Task, hold: Hold, screening: Screening) -> Reading:
-        """With one effect at most. screening: of any reading."""
-        own = screening.read_as(_read(unread, hold).holds)
-        return cls(unread, hold, own, own.best())
-
     def with_hold(self, hold: Hold) -> Reading:
         """With the same model, its inputs acting otherwise."""
-        own = self.screening.read_as(_read(self.unread, hold).holds)
+        own = self._screening_as(hold)
         return replace(self, hold=hold, screening=own, model=own.fitted(self.model))
+
+    def with_best(self, hold: Hold) -> Reading:
+        """With the best model of one effect at most, its inputs acting so."""
+        own = self._screening_as(hold)
+        return replace(self, hold=hold, screening=own, model=own.best())
+
+    def _screening_as(self, hold: Hold) -> Screening:
+        return self.screening.read_as(_read(self.unread, hold).holds)
 
     @property
     def task(self) -> Task:
@@ -74,14 +75,12 @@ class Reading:
         ours = self.screening.fitted(self.declared), self.model
 
         def asked(hold: Hold) -> Likelihoods:
-            own = self.screening.read_as(_read(self.unread, hold).holds)
+            own = self._screening_as(hold)
             pairs = [(known.likelihood, own.fitted(known).likelihood) for known in ours]
             return max(pairs, key=lambda pair: (pair[1] - pair[0]).sum())
 
         hold = likeliest(asked, self.screening.balance)
-        return (
-            None if hold == self.hold else Reading.of(self.unread, hold, self.screening).with_best_of([self])
-        )
+        return None if hold == self.hold else self.with_best(hold).with_best_of([self])
 
     def with_best_of(self, others: Sequence[Reading]) -> Reading:
         """The reading with the best of its own model and of those of others, fitted in its screening."""
@@ -111,7 +110,7 @@ def timings_with_effects(
         return (), None
     screening.on_work = on_work
     held = Reading(prepared.task, HELD, screening, screening.best())
-    changing = Reading.of(prepared.task, EVENLY, screening)
+    changing = held.with_best(EVENLY)
     if changing.model.beyond_noise < SETTINGS.hopeless and not held.is_surely_better_than(changing):
         other = changing.likelier()
         # what the record explains needs no effect
@@ -198,17 +197,12 @@ def _nearest_fit(best: Reading, prepared_as: PreparedAs, threads: int | None) ->
         fits = (_fit(prepared, model, threads, escapes=False) for model in models)
         found += [(reading, fit) for fit in fits if fit is not None]
     first = found[0][1]
-    return max(found, key=lambda pair: _bic_gain(first, pair[1]))[0]
+    return max(found, key=lambda pair: gain_by_bic(first, pair[1]))[0]
 
 
 def _sure_gain(before: Fit, after: Fit) -> float:
     """By BIC, beyond what hidden states may take of the noise."""
-    return _bic_gain(before, after) - chance(before, after)
-
-
-def _bic_gain(before: Fit, after: Fit) -> float:
-    more = len(after.point) - len(before.point)
-    return bic_gain(before.penalised_squares, after.penalised_squares, effective_samples(after), more)
+    return gain_by_bic(before, after) - chance(before, after)
 
 
 def _fit(prepared: PreparedLog, model: BalancedModel, threads: int | None, *, escapes: bool) -> Fit | None:

@@ -266,8 +266,7 @@ class ModelComparison:
         )
         if again is None:
             return None
-        gain = bic_gain(current.penalised_squares, again.penalised_squares, effective_samples(again), 0)
-        if gain < SETTINGS.clearly_better:
+        if gain_by_bic(current, again) < SETTINGS.clearly_better:
             return None
         self.know(again)
         return again
@@ -356,20 +355,14 @@ class ModelComparison:
 
     def is_better(self, fit: Fit, other: Fit) -> bool:
         """Whether the model `other` is clearly better than `fit` by BIC, and no worse on what judges."""
-        more = len(other.point) - len(fit.point)
-        if (
-            bic_gain(fit.penalised_squares, other.penalised_squares, effective_samples(other), more)
-            < SETTINGS.clearly_better
-        ):
+        if gain_by_bic(fit, other) < SETTINGS.clearly_better:
             return False
         before, after = self.judge(fit), self.judge(other)
         return after is None or after.penalised_squares.sum() <= before.penalised_squares.sum()
 
     def _more_and_gain(self, mine: Compared, other: Compared) -> tuple[int, float]:
         """How many parameters `other` has more than `mine`, and what its fit gains by BIC."""
-        more = len(other.fit.point) - len(mine.fit.point)
-        samples = effective_samples(other.fit)
-        return more, bic_gain(mine.fit.penalised_squares, other.fit.penalised_squares, samples, more)
+        return len(other.fit.point) - len(mine.fit.point), gain_by_bic(mine.fit, other.fit)
 
     @staticmethod
     def losses(candidates: Sequence[Compared]) -> np.ndarray:
@@ -461,6 +454,12 @@ def _similarity(one: Compared, other: Compared) -> float:
     if None in scores or not all(c.placed.effect.parameters for c in (one, other)):
         return 0.0
     return similarity(*(s.response for s in scores))
+
+
+def gain_by_bic(before: Fit, after: Fit) -> float:
+    """What `after` gains over `before` by the Bayesian information criterion."""
+    more = len(after.point) - len(before.point)
+    return bic_gain(before.penalised_squares, after.penalised_squares, effective_samples(after), more)
 
 
 def chance(one: Fit, other: Fit) -> float:

@@ -299,7 +299,7 @@ class Attribution:
         self, current: Fit, rival: Choice | None = None, *, covered: bool = False
     ) -> Choice | None:
         """The best of what simulations alone tell of, with its rivals. Where something is hit that is everything: of
-        impacts the balance has seen nothing. rival: what the balance found. covered: of what the balance tells of.
+        impacts the balance has seen nothing. rival: what the balance found. covered: of what the balance covers.
         """
         screening = self.models.screening(self._step)
         told = frozenset() if screening is None or screening.hits else screening.covered

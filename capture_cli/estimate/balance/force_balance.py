@@ -362,17 +362,18 @@ class ForceBalance:
         acceleration a damped joint's rows would shrink, all noise in them, too.
         """
         reporting = self._with(effect, values)
-        late = self._lateness(reporting)
-        step = self.points.step
-        qpos, qvel, _ = self.smoothed.states(self._true(self._numbers(late), reporting), step)
-        acceleration = self.smoothed.states(self._true(self._instrument(late), reporting), step)[2]
+        late, step = self._lateness(reporting), self.points.step
+        numbers = self._numbers(late)
+        qpos, qvel, _ = self.smoothed.states(self._true(numbers, reporting), step)
+        predicted = self._with_predicted(numbers, late)
+        acceleration = self.smoothed.states(self._true(predicted, reporting), step)[2]
         predicted = self._forces(state=(qpos, qvel, self.state[2])).predicted
         return Accelerations(acceleration - self._instrumented, predicted - self.null.predicted)
 
     @cached_property
     def _instrumented(self) -> np.ndarray:
         """The acceleration where the predicted one stands for the measured one, (point, nv)."""
-        true = self._true(self._instrument(self.late), self._acting("measurement"))
+        true = self._true(self._with_predicted(self.numbers, self.late), self._acting("measurement"))
         return self.smoothed.states(true, self.points.step)[2]
 
     def _lateness(self, reporting: Sequence[AtValues]) -> np.ndarray:
@@ -426,9 +427,9 @@ class ForceBalance:
         """The predicted acceleration behind the filter that the measured one went through, (point, nv)."""
         return self.smoothed.filtered(self.null.predicted, self.points.part, self.points.step)
 
-    def _instrument(self, late: np.ndarray) -> np.ndarray:
-        """Outputs with curvatures as predicted, (point, 3, output), each `late` s later (point, output)."""
-        numbers, later = self._numbers(late), late - self.late
+    def _with_predicted(self, numbers: np.ndarray, late: np.ndarray) -> np.ndarray:
+        """`numbers` (point, 3, output), each `late` s later (point, output), with curvatures as predicted."""
+        numbers, later = numbers.copy(), late - self.late
         for source in self.smoothed.sources:
             if source.weights is not None:
                 continue
