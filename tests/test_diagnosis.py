@@ -484,6 +484,22 @@ def test_what_cannot_show_in_a_log_is_no_candidate(logs, tmp_path):
     assert all(c.placed.effect.logged == encoder for c in candidates), "without the speed"
 
 
+def test_effects_are_told_how_fast_joints_began_to_move(logs):
+    log = replace(MeasuredLog.read(logs["plain"]), path=None)
+    task = load_task(str(SLIDER))
+
+    def seen(log):
+        loose = next(c.placed.effect for c in all_candidates(prepare(log, task)) if c.name == "loose-mass@x")
+        return loose.seen
+
+    begun = np.repeat(log.time[np.append(0, log.episode_ends[:-1])], np.diff(log.episode_ends, prepend=0))
+    faster = replace(log, outputs=log.outputs + 0.3 * (log.time - begun)[:, None])
+    still, moving = seen(log), seen(faster)
+    assert len(still.begun) == len(still.stretches) == len(log.episode_ends)
+    assert (still.begun_sd < 0.03).all() and (np.abs(still.begun) < 0.1).all()  # it begins at rest
+    assert moving.begun - still.begun == pytest.approx(0.3, abs=0.03)
+
+
 def test_a_covariate_of_few_values_has_a_bin_for_each():
     generator = np.random.default_rng(3)
     contacts = (np.arange(4000) % 50 == 0).astype(float)  # rare, and its own bin all the same

@@ -35,6 +35,7 @@ from capture_cli.model import effects
 from capture_cli.model.effects._actuator_effect import ActuatorEffect
 from capture_cli.model.effects._joint_force import inertia_felt
 from capture_cli.model.effects._kernel import bound
+from capture_cli.model.effects._vibration import Shaken
 from capture_cli.model.effects.base import (
     GLOBAL,
     PLACES,
@@ -676,7 +677,8 @@ def test_a_loose_mass_begins_inside_a_log_as_the_log_shook_it(frequency, damping
     effect = effects.REGISTRY.get("loose-mass")(one, "l")
     sampled = slice(None, None, 5)
     path, time = truth[sampled, 0], np.arange(6000)[sampled] * 1e-3
-    seen = JointMotion(path.min(), path.max(), 1.0, path, (slice(0, len(path)),), 0.0, time)
+    whole, at_rest = (slice(0, len(path)),), np.zeros(1)
+    seen = JointMotion(path.min(), path.max(), 1.0, path, whole, 0.0, time, begun=at_rest, begun_sd=at_rest)
     effect.look_in(SeenLog(0.5, 6.0, frozenset({0}), {0: seen}))
     at = effect.space.to_vector({"mass": loose, "frequency": frequency, "damping_ratio": damping_ratio})
 
@@ -689,6 +691,21 @@ def test_a_loose_mass_begins_inside_a_log_as_the_log_shook_it(frequency, damping
         return np.sqrt(np.mean([(s - truth[a : a + 500]) ** 2 for s, a in zip(sensors, first, strict=True)]))
 
     assert error(effect.as_told()) < 0.1 * error(effect)
+
+
+@pytest.mark.parametrize("begun", [0.0, 0.8])
+def test_noise_does_not_make_a_path_swing_as_it_begins(begun):
+    """Between two noisy samples a speed is known to 0.2 m/s; what is steadily moved does not swing."""
+    time, noise = np.arange(500) * 4e-3, 5e-4
+    path = begun * time + noise * np.random.default_rng(0).standard_normal(500)
+    shaken = Shaken(time, path, [slice(0, 500)], noise, np.array([begun]), np.array([5e-3]))
+    first = np.array([100, 250, 400])
+    swing = np.full(3, 1.4), np.full(3, 0.05)
+    error = shaken.error(*swing, first)
+    assert (error < 2e-3).all()
+    place, speed = shaken.after(*swing, first, 2e-3)
+    assert (np.abs(place - begun * time[first]) < 2 * error).all()
+    assert (np.abs(speed - begun) < 2 * 2 * np.pi * 1.4 * error).all()
 
 
 @pytest.mark.parametrize("window", [0.1, 0.5, 5.0])

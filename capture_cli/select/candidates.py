@@ -11,6 +11,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.initial_states.local_motion import Neighbours, local_motion
 from capture_cli.estimate.log_windows import clock
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -132,9 +133,34 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
         speed = max(begun, fastest(path, log.time, known, noise))  # windows may all begin at rest
         if low < high and speed > 0:
             seen[joint] = JointMotion(
-                float(low), float(high), float(speed), path, known, noise, log.time, controls
+                float(low),
+                float(high),
+                float(speed),
+                path,
+                known,
+                noise,
+                log.time,
+                controls,
+                *_begun(path, log.time, known, noise),
             )
     return seen
+
+
+def _begun(
+    path: np.ndarray, time: np.ndarray, known: Sequence[slice], noise: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """How fast a `path` (step,) was where each of the `known` stretches was first measured, per s, and its standard
+    deviation, (stretch,) each; 0 of what was not.
+    """
+    speed, sd = np.zeros((2, len(known)))
+    own = np.flatnonzero(np.isfinite(path))
+    first, stop = np.array([(s.start, s.stop) for s in known]).T
+    at = np.append(own, len(path))[np.searchsorted(own, first)]
+    some = np.flatnonzero(at < stop)
+    near = Neighbours.of(time, at[some], first[some], stop[some], own)
+    motion = local_motion(near, path[near.index][..., None], np.array([noise]))
+    speed[some], sd[some] = motion.slope[:, 0], motion.slope_sd[:, 0]
+    return speed, sd
 
 
 def _controls(prepared: PreparedLog) -> dict[int, np.ndarray]:

@@ -234,6 +234,20 @@ class ModelComparison:
             return error
         return min(error, self.error_of(effects, fit.point, None, needed))
 
+    def begun_as_told(self, fit: Fit) -> Fit:
+        """`fit`, or a better one, begun where the model ends whose hidden states follow from the log before each
+        window: what swings freely in each of them may do so at another frequency.
+        """
+        told = [e._replace(effect=e.effect.as_told() or e.effect) for e in fit.effects]
+        if all(a.effect is b.effect for a, b in zip(told, fit.effects, strict=True)):
+            return fit
+        effort = Effort(escapes=False, seed=self.seed)
+        there = self.fits.fit(self.fit_part, told, fit.point, near=fit, effort=effort)
+        again = there and self.fits.fit(self.fit_part, fit.effects, there.point, effort=effort)
+        found = least([fit, again])
+        self.know(found)
+        return found
+
     def error_of(
         self, effects: Sequence[Placed], start: np.ndarray, near: Fit | None, needed: float
     ) -> float:

@@ -251,7 +251,7 @@ class Attribution:
                 choice = self._better(choice, self._by_simulation(current, choice))
             if choice is None and not (self.accepted or self.given):
                 choice = self._by_simulation(current, covered=True)
-        return None if choice is None else self._with(*choice, current)
+        return None if choice is None else self.models.begun_as_told(self._with(*choice, current))
 
     def _leaves_much(self, fit: Fit, current: Fit) -> bool:
         return not self.models.is_explained(fit) and fit.excess > REJECTION.material * current.excess

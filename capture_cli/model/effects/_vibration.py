@@ -149,7 +149,7 @@ class VibrationEffect(Effect):
         if self.shaken is None or first is None:
             return {"displaced": far * states[:, 0], "moving": far * turning * states[:, 1]}
         unknown = self.shaken.elapsed[first] < SETTINGS.first * self.window
-        far = np.where(unknown, far, share * self.shaken.error(values[:, 1], values[:, 2]))
+        far = np.where(unknown, far, share * self.shaken.error(values[:, 1], values[:, 2], first))
         after, following = self.shaken.after(values[:, 1], values[:, 2], first, timestep)
         begins = {"displaced": far * states[:, 0], "moving": far * turning * states[:, 1]}
         return begins | {"after": after, "following": following, "share": share + 0.0 * after}
@@ -172,23 +172,39 @@ class Shaken:
     """What swings after a path x of the log at its difference: x + d at every step of the log, and x' + d'.
 
     time, path (step,): of the log, s, and m or rad; nan where it was not measured. stretches: of its steps; noise: of
-    the path, standard deviation. elapsed (step,): s, since the stretch began.
+    the path, standard deviation. begun, begun_sd (stretch,): x' where a stretch was first measured, and how well that
+    is known; between two noisy samples it is not. elapsed (step,): s, since the stretch began.
     """
 
-    def __init__(self, time: np.ndarray, path: np.ndarray, stretches: Sequence[slice], noise: float):
+    def __init__(
+        self,
+        time: np.ndarray,
+        path: np.ndarray,
+        stretches: Sequence[slice],
+        noise: float,
+        begun: np.ndarray,
+        begun_sd: np.ndarray,
+    ):
         self._time, self._path, self._stretches, self._noise = time, path, stretches, noise
+        self._begun, self._begun_sd = begun, np.zeros(len(time))
+        for steps, sd in zip(stretches, begun_sd, strict=True):
+            self._begun_sd[steps] = sd
         self._interval = float(np.median(np.diff(time)))
         self.elapsed = since_stretches_began(time, stretches)
         self._swings = lru_cache(maxsize=SETTINGS.kept)(self._swinging)
 
-    def error(self, frequency: np.ndarray, damping_ratio: np.ndarray) -> np.ndarray:
-        """m or rad: how far off x + d may be for the noise of the path, (simulation,) each.
+    def error(self, frequency: np.ndarray, damping_ratio: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """m or rad: how far off x + d may be at the steps `first` of the log for the noise of the path, (simulation,)
+        each.
 
         A path with white noise of density S shakes x + d by a variance of S w / (4 zeta): S is the noise's variance
-        times the interval between samples.
+        times the interval between samples. What x' is off where the stretch begins swings freely from there on.
         """
-        gathered = np.pi * frequency * self._interval / (2 * damping_ratio)
-        return SETTINGS.hides * self._noise * np.sqrt(gathered + 1.0)
+        turning = 2 * np.pi * frequency
+        gathered = turning * self._interval / (4 * damping_ratio)
+        left = np.exp(-damping_ratio * turning * self.elapsed[first])
+        begun = self._begun_sd[first] * left / turning
+        return SETTINGS.hides * np.hypot(self._noise * np.sqrt(gathered + 1.0), begun)
 
     def after(
         self, frequency: np.ndarray, damping_ratio: np.ndarray, first: np.ndarray, timestep: float
@@ -205,32 +221,31 @@ class Shaken:
         """(2, step), where d is of the frequency that steps of the trapezoidal rule give it."""
         found = np.zeros((2, len(self._path)))
         turning = 2 / timestep * np.arctan(np.pi * frequency * timestep)
-        for steps in self._stretches:
+        for steps, begun in zip(self._stretches, self._begun, strict=True):
             time, path = self._time[steps], self._path[steps]
             measured = np.isfinite(path)
             if measured.sum() < 2:
                 continue
-            even = np.linspace(time[0], time[-1], SETTINGS.finer * len(time))
-            within = np.clip(even, *time[measured][[0, -1]])
-            x = CubicSpline(time[measured], path[measured])(within)
-            found[:, steps] = [
-                np.interp(time, even, own) for own in swings_after(even, x, turning, damping_ratio)
-            ]
+            begins, ends = time[measured][[0, -1]]
+            even = np.linspace(begins, time[-1], SETTINGS.finer * len(time))
+            x = CubicSpline(time[measured], path[measured])(np.minimum(even, ends))
+            swings = swings_after(even, x, turning, damping_ratio, float(begun))
+            found[:, steps] = [np.interp(time, even, own) for own in swings]
         return found
 
 
 def swings_after(
-    time: np.ndarray, path: np.ndarray, turning: float, damping_ratio: float
+    time: np.ndarray, path: np.ndarray, turning: float, damping_ratio: float, begun: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """x + d and x' + d', (step,) each, of d'' + 2 zeta w d' + w^2 d = -x'', d = d' = 0 at first, along x = `path`.
 
-    turning: w, rad/s. Exact where x moves steadily between steps, which are even: x' then jumps at each, and d' by as
-    much the other way, and the rest is free vibration.
+    turning: w, rad/s. begun: x' at first, per s. Exact where x moves steadily between steps, which are even: x' then
+    jumps at each, and d' by as much the other way, and the rest is free vibration.
     """
     step = float(time[1] - time[0])
     speed = np.diff(path) / step
     speed = np.append(speed, speed[-1])
-    jumps = -np.diff(speed, prepend=speed[0])
+    jumps = -np.diff(speed, prepend=begun)
     slowing = damping_ratio * turning
     swung = np.sqrt(turning**2 - slowing**2)
     left, angle = np.exp(-slowing * step), swung * step

@@ -39,7 +39,8 @@ class JointMotion:
 
     path (step,): where it was at each step of the log, nan where that was not measured; stretches: of those steps,
     episodes or, as nobody knows what drove it in a gap, what is between gaps of one; noise: of the path, standard
-    deviation. time (step,): s; controls: of actuators, by their numbers, (step,).
+    deviation. time (step,): s; controls: of actuators, by their numbers, (step,). begun, begun_sd (stretch,): how fast
+    it was where each stretch was first measured, and how well that is known.
     """
 
     low: float
@@ -50,6 +51,8 @@ class JointMotion:
     noise: float = 0.0
     time: np.ndarray = field(default_factory=lambda: np.zeros(0))
     controls: Mapping[int, np.ndarray] = field(default_factory=dict)
+    begun: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    begun_sd: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def travel(self) -> float:

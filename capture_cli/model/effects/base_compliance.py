@@ -10,7 +10,7 @@ import numpy as np
 from capture_cli.model.effects._kernel import Companion, call, kept
 from capture_cli.model.effects._scales import driven_joints, moving_bodies
 from capture_cli.model.effects._vibration import ForceShakenBefore, Shaken, Vibration, VibrationEffect
-from capture_cli.model.effects.base import GLOBAL, SeenLog
+from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
@@ -92,17 +92,29 @@ class BaseCompliance(VibrationEffect):
             data.qpos[model.jnt_qposadr] = paths[step]
             mujoco.mj_kinematics(model, data)
             centre[step] = centre_along(model.body_mass, data.xipos, self.moving, self.axis)
-        known = log.seen[0]
-        return Shaken(known.time, centre, known.stretches, self._noise_of_centre(log))
+        known, joints = log.seen[0], [log.seen[joint] for joint in range(model.njnt)]
+        begun, begun_sd = np.zeros((2, len(known.stretches)))
+        for number, steps in enumerate(known.stretches):
+            measured = np.isfinite(centre[steps])
+            if measured.any():
+                moved = self._moved_centre(paths[steps][np.argmax(measured)])
+                begun[number] = moved @ [own.begun[number] for own in joints]
+                begun_sd[number] = np.linalg.norm(moved * [own.begun_sd[number] for own in joints])
+        noise = float(
+            np.linalg.norm(self._moved_centre(model.qpos0[model.jnt_qposadr]) * [own.noise for own in joints])
+        )
+        return Shaken(known.time, centre, known.stretches, noise, begun, begun_sd)
 
-    def _noise_of_centre(self, log: SeenLog) -> float:
-        """m: standard deviation of where the noise of joints puts the centre of what moves, as the model stands."""
+    def _moved_centre(self, joints: np.ndarray) -> np.ndarray:
+        """By how much each of the `joints` (joint,), where they are, moves the centre of what moves along the axis, m
+        per m or rad.
+        """
         model = self.model
         data = mujoco.MjData(model)
+        data.qpos[model.jnt_qposadr] = joints
         mujoco.mj_fwdPosition(model, data)
         moved = momentum_along(model, self.axis, data.cdof, data.subtree_com, model.body_subtreemass)
-        noises = [log.seen[joint].noise for joint in range(model.njnt)]
-        return float(np.linalg.norm(moved[model.jnt_dofadr] * noises)) / model.body_mass[self.moving].sum()
+        return moved[model.jnt_dofadr] / model.body_mass[self.moving].sum()
 
     def share(self, values):
         return values[:, 0]

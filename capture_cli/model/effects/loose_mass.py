@@ -61,7 +61,9 @@ class LooseMass(VibrationEffect, JointForce):
 
     def shaken_in(self, log):
         seen = log.seen.get(self.joint)
-        return None if seen is None else Shaken(seen.time, seen.path, seen.stretches, seen.noise)
+        if seen is None:
+            return None
+        return Shaken(seen.time, seen.path, seen.stretches, seen.noise, seen.begun, seen.begun_sd)
 
     def shaking(self, world):
         return self.read(world, "qpos"), self.read(world, "qvel")
