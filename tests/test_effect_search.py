@@ -40,7 +40,7 @@ def judged_by_blocks(
         fit=SimpleNamespace(
             penalised_squares=squares,
             point=np.zeros(parameters),
-            at=SimpleNamespace(fitted_hidden=np.zeros(4)),
+            at=SimpleNamespace(taken_by_hidden=np.zeros(4)),
         ),
         select=SimpleNamespace(correlation_steps=1.0, blocks=lambda length: blocks, penalised_squares=blocks),
     )

@@ -73,7 +73,7 @@ class Fit:
 
         So that a model is not the better one for having a free number more in every window.
         """
-        share = self.at.fitted_hidden.sum() / self.at.data.count
+        share = self.at.taken_by_hidden.sum() / self.at.data.count
         return float(np.square(self.at.residual).sum() * (1 + share))
 
     @property

@@ -16,19 +16,19 @@ from capture_cli.estimate.solve.linearization import Linearization
 class PartFit:
     """One part of the log at a fit's parameters, its initial states refined.
 
-    corrections (window, state): of the initial states. residual (window, row): in units of the noise. fitted_hidden
-    (window,): how many free numbers the hidden states of effects amount to, their prior counted.
+    corrections (window, state): of the initial states. residual (window, row): in units of the noise. taken_by_hidden
+    (window,): see `Linearization`.
     """
 
     data: Data
     corrections: np.ndarray
     residual: np.ndarray
-    fitted_hidden: np.ndarray
+    taken_by_hidden: np.ndarray
 
     @classmethod
     def of(cls, at: Linearization) -> PartFit:
         """The part that `at` is a linearization on."""
-        return cls(at.data, at.corrections, at.residual, at.fitted_hidden)
+        return cls(at.data, at.corrections, at.residual, at.taken_by_hidden)
 
     @classmethod
     def concatenate(cls, parts: Sequence[PartFit]) -> PartFit:
@@ -51,14 +51,14 @@ class PartFit:
         residual = [padded(p.residual.reshape(p.data.measured.shape)) for p in parts]
         residual = np.concatenate(residual).reshape(len(data.measured), steps * outputs)
         corrections, hidden = (
-            np.concatenate([getattr(p, n) for p in parts]) for n in ("corrections", "fitted_hidden")
+            np.concatenate([getattr(p, n) for p in parts]) for n in ("corrections", "taken_by_hidden")
         )
         return cls(data, corrections, residual, hidden)
 
     def rows(self, keep: np.ndarray) -> PartFit:
         """The windows at `keep` alone: their numbers, or a mask (window,)."""
         return PartFit(
-            self.data.rows(keep), self.corrections[keep], self.residual[keep], self.fitted_hidden[keep]
+            self.data.rows(keep), self.corrections[keep], self.residual[keep], self.taken_by_hidden[keep]
         )
 
     @property
@@ -70,7 +70,7 @@ class PartFit:
     def _penalty(self) -> np.ndarray:
         """Factor on the squares of each window, (window,), for the free numbers that its hidden states are."""
         count = self.data.mask.sum(axis=(1, 2))
-        return 1 + self.fitted_hidden / np.maximum(count, 1)
+        return 1 + self.taken_by_hidden / np.maximum(count, 1)
 
     @property
     def correlation_steps(self) -> float:

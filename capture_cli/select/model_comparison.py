@@ -478,7 +478,7 @@ def gain_by_bic(before: Fit, after: Fit) -> float:
 
 def chance(one: Fit, other: Fit) -> float:
     """How much of BIC two fits may differ by because of what their hidden states took of the noise."""
-    taken = one.at.fitted_hidden.sum() + other.at.fitted_hidden.sum()
+    taken = one.at.taken_by_hidden.sum() + other.at.taken_by_hidden.sum()
     return SETTINGS.chance * float(np.sqrt(2 * taken))
 
 

@@ -354,19 +354,24 @@ class Linearization:
     @property
     def fitted_initial(self) -> float:
         """How many free numbers the initial states amount to, their prior counted."""
-        return float(self._fitted_states.sum())
-
-    @property
-    def fitted_hidden(self) -> np.ndarray:
-        """How many of those are hidden states of effects, (window,)."""
-        first = self.data.initial_sd.shape[1] - self.data.hidden
-        return self._fitted_states[:, self.data.movable >= first].sum(axis=1)
+        k = self.inflation
+        return float((1 - k * np.diagonal(self.initial_gain(k), axis1=1, axis2=2)).sum())
 
     @cached_property
-    def _fitted_states(self) -> np.ndarray:
-        """(window, movable state)."""
-        k = self.inflation
-        return 1 - k * np.diagonal(self.initial_gain(k), axis1=1, axis2=2)
+    def taken_by_hidden(self) -> np.ndarray:
+        """By how many squares of the noise hidden states of effects make those of the residual less by chance,
+        (window,): by more than their own share where the other states go along with them.
+        """
+        hidden = self.data.movable >= self.data.initial_sd.shape[1] - self.data.hidden
+        return self._taken_by(np.ones_like(hidden)) - self._taken_by(~hidden)
+
+    def _taken_by(self, states: np.ndarray) -> np.ndarray:
+        """Likewise of these states (movable state,) alone: with H what they make of a residual r, the squares of
+        (1 - H) r are those of n - tr(2 H - H^2) numbers.
+        """
+        k, bb = self.inflation, self.products[2][:, states][:, :, states]
+        left = k / (np.linalg.eigvalsh(bb) + k)
+        return (1 - np.square(left)).sum(axis=1)
 
     @property
     def information(self) -> np.ndarray:
