@@ -17,6 +17,7 @@ from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.prepare import prepare
+from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.beam import BeamSettings, Level, grown
 from capture_cli.select.candidates import all_candidates
@@ -236,6 +237,20 @@ def test_a_pair_is_found_of_which_one_is_not_among_the_best_alone():
     *_, level = grown(screening, (), (), 2)
     assert {e.name for e in level.as_good[0].effects} == set(pair)
     assert {e.name for e in screening.pairs((), (), 1)[0].effects} == set(pair)
+
+
+def test_a_payload_shows_by_several_masses_where_none_alone_does_it(monkeypatch):
+    """With the camera's own mass open no one place of the grid has its moment and its inertia."""
+    case = Case(PLANTED, "pan_tilt", ("payload@camera",), 2.2, 252784246)
+
+    def gain(polished: int | None) -> float:
+        (found,) = screening_of_case(case, "payload@camera").additions((), (), polished)
+        return found.gain
+
+    together, kept = gain(0), gain(None)
+    monkeypatch.setattr(REGISTRY.get("payload"), "mixes", False)
+    assert together > 1.3 * gain(0)
+    assert kept > 1.3 * together
 
 
 def test_a_law_that_all_joints_lack_is_found_at_all_of_them():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -98,6 +98,26 @@ class Atom:
         return np.clip(found, space.low, space.high)
 
 
+@dataclass(frozen=True)
+class Mixture(Atom):
+    """An effect that `mixes`, with an amplitude at each of several `shapes` (shape, parameter): what does as all those
+    together do.
+    """
+
+    shapes: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def allows(self, coefficients: np.ndarray) -> bool:
+        return self._whole(coefficients) is not None
+
+    def at(self, coefficients: np.ndarray) -> np.ndarray:
+        space = self.placed.effect.space
+        return np.clip(self._whole(coefficients), space.low, space.high)
+
+    def _whole(self, coefficients: np.ndarray) -> np.ndarray | None:
+        effect, [index] = self.placed.effect, set(self.amplitudes)
+        return effect.mixture(self.shapes, coefficients * self.unit / effect.space.span[index])
+
+
 def atoms(
     balance: ForceBalance, placed: Placed, settings: DictionarySettings = SETTINGS
 ) -> Iterator[tuple[Atom, list[Accelerations]]]:
@@ -140,6 +160,8 @@ def atoms(
             columns := changes[number * len(amplitudes) : (number + 1) * len(amplitudes)], largest, least
         )
     ]
+    if effect.mixes and len(usable) > 1:
+        yield _mixture(usable)
     for atom, columns in usable:
         reverse = [c for a, c in usable if a.is_reverse_of(atom)]
         if reverse and not _is_reverse(columns, reverse[0], settings.linear):
@@ -148,6 +170,20 @@ def atoms(
             continue
         yield atom, columns
         yield from atom.alone(columns)
+
+
+def _mixture(parts: Sequence[tuple[Atom, list[Accelerations]]]) -> tuple[Atom, list[Accelerations]]:
+    """Of atoms of one effect, each of one amplitude at a shape of its own: all of them at once."""
+    owners = [atom for atom, _ in parts]
+    together = Mixture(
+        owners[0].placed,
+        owners[0].values,
+        tuple(i for atom in owners for i in atom.amplitudes),
+        np.concatenate([atom.unit for atom in owners]),
+        np.concatenate([atom.known for atom in owners]),
+        shapes=np.array([atom.values for atom in owners]),
+    )
+    return together, [column for _, columns in parts for column in columns]
 
 
 def _acts_unshown(balance: ForceBalance, effect: Effect) -> bool:

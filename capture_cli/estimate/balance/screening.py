@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from capture_cli.estimate.balance.dictionary import SETTINGS as DICTIONARY
-from capture_cli.estimate.balance.dictionary import Atom, atoms
+from capture_cli.estimate.balance.dictionary import Atom, Mixture, atoms
 from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted, with_prior
@@ -93,13 +93,14 @@ class BalancedModel:
 class Addition:
     """A model with one effect more, its last. gain: of predictive log likelihood, over the model without it, and error,
     its standard error over blocks; response (row,): what the effect adds to the white rows, less what the other
-    parameters would.
+    parameters would. elsewhere: with the effect at other values, of one that mixes.
     """
 
     model: BalancedModel
     gain: float
     error: float
     response: np.ndarray
+    elsewhere: BalancedModel | None = None
 
     @property
     def placed(self) -> Placed:
@@ -210,7 +211,8 @@ class Screening:
                 break
             addition, *rest = rest
             tried += 1
-            more = self.fitted(addition.model)
+            begun = [self.fitted(m) for m in (addition.model, addition.elsewhere) if m is not None]
+            more = max(begun, key=lambda m: m.gain(model)[0])
             gain, error = more.gain(model)
             if np.isfinite(gain):
                 polished.append(replace(addition, model=more, gain=gain, error=error))
@@ -458,7 +460,7 @@ class Screening:
         blocks = [np.flatnonzero(row_block == b) for b in range(len(base.count))]
         first = np.cumsum([0] + [len(a.scale) for a in self.atoms])
         names = {e.name for e in model.effects}
-        best: dict[str, Addition] = {}
+        best: dict[tuple[str, bool], Addition] = {}
         for size in sorted({len(a.scale) for a in self.atoms}):
             numbers = [
                 k for k, a in enumerate(self.atoms) if len(a.scale) == size and a.placed.name not in names
@@ -478,7 +480,8 @@ class Screening:
                 for k, number in enumerate(some):
                     atom, coefficients = self.atoms[number], gain.coefficients[k]
                     amplitudes = coefficients[-size:][: len(atom.known)] * atom.known
-                    known_best = best.get(atom.placed.name)
+                    key = atom.placed.name, isinstance(atom, Mixture)
+                    known_best = best.get(key)
                     if not (np.isfinite(gain.mean[k]) and atom.allows(amplitudes)):
                         continue
                     if known_best and known_best.gain >= gain.mean[k]:
@@ -493,9 +496,10 @@ class Screening:
                         likelihood=np.zeros(0),
                     )
                     response = each[:, k] @ coefficients[-size:]
-                    best[atom.placed.name] = Addition(
-                        more, float(gain.mean[k]), float(gain.error[k]), response
-                    )
+                    best[key] = Addition(more, float(gain.mean[k]), float(gain.error[k]), response)
+        for name in [name for name, mixed in best if mixed and (name, False) in best]:
+            some = sorted((best.pop((name, mixed)) for mixed in (False, True)), key=lambda a: -a.gain)
+            best[name, True] = replace(some[0], elsewhere=some[1].model)
         ranked = sorted(best.values(), key=lambda a: -a.gain)
         return [replace(a, response=a.response - own @ _solved(own, a.response)) for a in ranked]
 
