@@ -96,6 +96,16 @@ def test_where_two_effects_are_missing_it_is_told_with_both_in():
     assert all(t.gain > 3 * t.error for t in found)
 
 
+def test_what_leaves_far_more_than_noise_is_told_by_what_is_likelier():
+    """Commands that are misread leave hundreds of times the noise with any effect in: no two are asked then."""
+    name = "control-reverse-gain@tilt"
+    task, log, _ = Case(PLANTED, "pan_tilt", (name,), 10.0, 40039109, dress="quarter-rate").build()
+    prepared = prepare(log, task, **QUIET)
+    every = all_candidates(prepared)
+    found, _ = timings_with_effects(replace(prepared, task=task), every, partial(prepare, log, **QUIET), 1)
+    assert [t.hold for t in found] == [Hold(4.0)] * 2
+
+
 def test_simulations_tell_where_the_balance_is_not_sure(monkeypatch):
     monkeypatch.setattr(input_readings, "is_surely_better", lambda *_: False)
     name = "direction-dependent-viscous@x"

@@ -111,7 +111,7 @@ def timings_with_effects(
     screening.on_work = on_work
     held = Reading(prepared.task, HELD, screening, screening.best())
     changing = held.with_best(EVENLY)
-    if changing.model.beyond_noise < SETTINGS.hopeless and not held.is_surely_better_than(changing):
+    if not held.is_surely_better_than(changing):
         other = changing.likelier()
         # what the record explains needs no effect
         if other is not None and not changing.is_surely_better_than(other):
@@ -134,7 +134,7 @@ def timings_with_effects(
 
 def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:
     """One of the readings or, where these do not decide, of the same with two effects at most: what else is missing may
-    look like another reading. They are held where the others leave far more than noise: two will not do either.
+    look like another reading. Where all leave far more than noise, one decides: two will not do either.
 
     A search stops at one effect where a second is not surely better. So each reading is asked with the effects that the
     other has, too: of two models the likelihoods would not be of the readings alone.
@@ -142,7 +142,7 @@ def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads
     both = held, changing
     least = min(both, key=lambda r: r.model.beyond_noise)
     if least.model.beyond_noise >= SETTINGS.hopeless:
-        return held
+        return changing if changing.is_surely_better_than(held) else held
     if least.model.beyond_noise < SETTINGS.else_missing:
         if held.is_surely_better_than(changing):
             return held
