@@ -241,16 +241,13 @@ def test_a_pair_is_found_of_which_one_is_not_among_the_best_alone():
 
 def test_a_payload_shows_by_several_masses_where_none_alone_does_it(monkeypatch):
     """With the camera's own mass open no one place of the grid has its moment and its inertia."""
-    case = Case(PLANTED, "pan_tilt", ("payload@camera",), 2.2, 252784246)
-
-    def gain(polished: int | None) -> float:
-        (found,) = screening_of_case(case, "payload@camera").additions((), (), polished)
-        return found.gain
-
-    together, kept = gain(0), gain(None)
+    made = screening_of_case(Case(PLANTED, "pan_tilt", ("payload@camera",), 2.2, 252784246), "payload@camera")
     monkeypatch.setattr(REGISTRY.get("payload"), "mixes", False)
-    assert together > 1.3 * gain(0)
-    assert kept > 1.3 * together
+    at_one_place = Screening(made.balance, made.whitening, made.placed)
+    (alone,) = at_one_place.additions((), (), 0)
+    (together,), (polished,) = made.additions((), (), 0), made.additions((), ())
+    assert together.gain > 1.3 * alone.gain
+    assert polished.gain > 1.3 * together.gain
 
 
 def test_a_law_that_all_joints_lack_is_found_at_all_of_them():
