@@ -197,7 +197,7 @@ class ForceBalance:
             return [self._of_report(effect, v) for v in values]
         if _remembers(effect):
             return self._of_followed(effect, values)
-        return [self._of_one_force(effect, v) for v in values]
+        return [self._of_force(effect, v) for v in values]
 
     def along(self, effect: PeriodicForce) -> np.ndarray:
         """What a force repeats along, at the points, (point,)."""
@@ -459,7 +459,7 @@ class ForceBalance:
     @cached_property
     def inverse_inertia(self) -> np.ndarray:
         """Acceleration by a unit of force, (point, nv, nv)."""
-        return self._world[3]
+        return self._world[1]
 
     def _written(self, point: np.ndarray, writing: Sequence[AtValues]) -> mujoco.MjModel:
         fields = ModelFields(self.smoothed.task.model, 1)
@@ -635,38 +635,20 @@ class ForceBalance:
         driven = np.where(rest, state[2], applied)
         return dry_friction(model, inverse, driven, begins, self.speed_sd, np.where(rest, 0.0, loss))
 
-    def _of_one_force(self, effect: Effect, values: np.ndarray) -> Accelerations:
-        world, runner, smooth, inverse, base = self._world
-        joint_force, body_force = (runner.bind(name) for name in APPLIED)
-        world.restore_varied()
-        joint_force[...], body_force[...] = 0.0, 0.0
-        effect.force(
-            np.repeat(values[None], len(self.points), axis=0),
-            self.model.opt.timestep,
-            first=self.points.step,
-            began=self.points.time - self.points.elapsed,
-        )(world)
-        model, (_, qvel, qacc) = self._model, self.state
-        step = model.opt.timestep
-        loss = world.vary("dof_frictionloss").copy()
-        damping = world.vary("dof_damping") - model.dof_damping
-        acts = joint_force.copy()
-        if body_force.any() or world.has_varied(AT_JOINTS):
-            joint_force[...] = 0.0
-            inertia = runner.bind("M")
-            runner.forward()
-            acts = acts + smooth - base - damping * step * qacc
-            if world.has_varied(AT_JOINTS):
-                predicted = self._accelerated(acts, loss, inertia)
-                self._restore()
-                return Accelerations(
-                    np.zeros_like(qvel), self._resting(predicted, self._null.pushed) - self.null.predicted
-                )
-            self._restore()
-        else:
-            acts = acts - damping * (qvel + 0.5 * step * qacc)
-        acts += self._friction_changed(acts, loss)
-        return Accelerations(np.zeros_like(qvel), (inverse @ acts[..., None])[..., 0])
+    def _of_force(self, effect: Effect, values: np.ndarray) -> Accelerations:
+        """Of a force that does not remember: every point is a step of its own."""
+        count = len(self.points)
+
+        def force() -> Callable:
+            return effect.force(
+                np.repeat(values[None], count, axis=0),
+                self.model.opt.timestep,
+                first=self.points.step,
+                began=self.points.time - self.points.elapsed,
+            )
+
+        [change] = self._led_along(force, np.arange(count)[:, None])
+        return Accelerations(np.zeros_like(self.state[1]), change)
 
     def _accelerated(
         self, acts: np.ndarray, loss: np.ndarray, inertia: np.ndarray, here: np.ndarray | slice = slice(None)
@@ -724,13 +706,16 @@ class ForceBalance:
                 began=(self.points.time - self.points.elapsed)[index[:, 0]],
             )
 
-        led = self._led_at_joints(force(), index)
-        if led is None:
-            led = self._led_elsewhere(force(), index)
+        led = self._led_along(force, index)
         changes = np.zeros((variants, len(self.points), self.model.nv))
         for part, own in enumerate(self._own_points):
             changes[:, own] = led[: own.stop - own.start, part::parts].swapaxes(0, 1)
         return [Accelerations(np.zeros_like(self.state[1]), c) for c in changes]
+
+    def _led_along(self, force: Callable[[], Callable], index: np.ndarray) -> np.ndarray:
+        """Accelerations (step, lane, nv) by a force, made by `force`, along the points `index` (lane, step)."""
+        led = self._led_at_joints(force(), index)
+        return self._led_elsewhere(force(), index) if led is None else led
 
     def _led_at_joints(self, force: Callable, index: np.ndarray) -> np.ndarray | None:
         """Accelerations (step, lane, nv) by a force along the points `index` (lane, step); None where it changes
@@ -760,10 +745,7 @@ class ForceBalance:
         """A field of MjData at the points, of the model as it is; the acceleration is the predicted one."""
         if name == "qacc":
             return self.null.predicted
-        world, runner, *_ = self._world
-        world.restore_varied()
-        for applied in APPLIED:
-            runner.bind(applied)[...] = 0.0
+        world, *_ = self._world
         return getattr(world, name)
 
     def _led_elsewhere(self, force: Callable, index: np.ndarray) -> np.ndarray:
@@ -771,7 +753,6 @@ class ForceBalance:
         qpos, _, qacc = self.state
         step, smooth_alone = self._model.opt.timestep, self._world[-1]
         runner = batch.Batch(self._model, len(index), self.threads)
-        runner.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
         live = {n: runner.bind(n) for n in ("qpos", "qvel", "time", *(("ctrl",) if self._model.nu else ()))}
         smooth, inertia, actuators = (runner.bind(n) for n in ("qfrc_smooth", "M", "actuator_force"))
         world = RecordedWorld(self._model, self._recorded, index)
@@ -792,19 +773,12 @@ class ForceBalance:
             given, loss[k] = actuators.copy(), friction
             acts[k] = smooth - smooth_alone[here] - (damping - self._model.dof_damping) * step * qacc[here]
             if world.changes(but=(*APPLIED, *AT_JOINTS, *_OF_ACTUATORS)):
-                otherwise[k] = self._accelerated(acts[k], loss[k], inertia, here) - self.null.predicted[here]
+                free = self._accelerated(acts[k], loss[k], inertia, here)
+                otherwise[k] = self._resting(free, self._null.pushed[here]) - self.null.predicted[here]
         led = self._led(acts, loss, index)
         for k, accelerations in otherwise.items():
             led[k] = accelerations
         return led
-
-    def _restore(self) -> None:
-        """Make the world that of the model as it is again."""
-        world, runner, *_ = self._world
-        world.restore_varied()
-        for name in APPLIED:
-            runner.bind(name)[...] = 0.0
-        runner.forward()
 
     @cached_property
     def actuator_force(self) -> np.ndarray:
@@ -828,7 +802,7 @@ class ForceBalance:
         world.stepped = True
         inverse = inverse_of(model, self._holding(_felt(model, inertia)))
         inverse *= ~self.at_rest[:, None, :]
-        return world, runner, smooth, self._yielding(inverse), smooth.copy()
+        return world, self._yielding(inverse), smooth.copy()
 
     def _yielding(self, inverse: np.ndarray) -> np.ndarray:
         """Acceleration by a unit of force, (point, nv, nv): what no sensor shows stays where contacts keep it."""
