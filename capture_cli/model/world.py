@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -56,10 +55,6 @@ class World:
             live = self._runner.expand(name)
             self._varied[name] = (live, live.copy())
         return self._varied[name][0]
-
-    def has_varied(self, but: Sequence[str] = ()) -> bool:
-        """Whether a varied field, `but` these, has other values than its own."""
-        return any((live != own).any() for name, (live, own) in self._varied.items() if name not in but)
 
     def restore_varied(self, keep=...) -> None:
         """Give the varied fields of the simulations `keep` (all) their own values back."""

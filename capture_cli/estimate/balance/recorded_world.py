@@ -1,4 +1,4 @@
-"""What a force that remembers sees along a motion that is known, where nothing has to be simulated."""
+"""What forces see along a motion that is known, where nothing has to be simulated."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ AT_JOINTS = ("dof_frictionloss", "dof_damping")
 
 
 class RecordedWorld:
-    """As `sim.engine.World`, along the points `index` (lane, step) of fields of MjData that are recorded.
+    """As `model.world.World`, along the points `index` (lane, step) of fields of MjData that are recorded.
 
     record: the values (point, ...) of a field. What a force changes at a step is as it was at the next.
     """

@@ -212,8 +212,9 @@ class Screening:
             addition, *rest = rest
             tried += 1
             begun = [self.fitted(m) for m in (addition.model, addition.elsewhere) if m is not None]
-            more = max(begun, key=lambda m: m.gain(model)[0])
-            gain, error = more.gain(model)
+            gains = [m.gain(model) for m in begun]
+            best = int(np.argmax([g if np.isfinite(g) else -np.inf for g, _ in gains]))
+            more, (gain, error) = begun[best], gains[best]
             if np.isfinite(gain):
                 polished.append(replace(addition, model=more, gain=gain, error=error))
         return model, sorted(polished, key=lambda a: -a.gain) + rest
