@@ -21,7 +21,6 @@ from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError, cholesky, eigh, solve_triangular, toeplitz
 from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.optimize import minimize, minimize_scalar
-from scipy.signal import lfilter
 from scipy.sparse import csr_array
 
 from capture_cli.errors import LogError
@@ -385,10 +384,13 @@ def _autocovariance(response: np.ndarray, size: int) -> np.ndarray:
 
 def _remembering(response: np.ndarray, memory: float) -> np.ndarray:
     """The response of rows (row, sample) to what makes noise of the same sd that is forgotten within `memory` samples:
-    e[k] = exp(-1 / memory) e[k - 1] + white noise.
+    e[k] = exp(-1 / memory) e[k - 1] + white noise. scipy.signal.lfilter gives the same, and takes 0.4 s to load.
     """
     kept = np.exp(-1 / memory)
-    return lfilter([np.sqrt(1 - kept**2)], [1, -kept], response[:, ::-1], axis=1)[:, ::-1]
+    filtered = np.sqrt(1 - kept**2) * np.ascontiguousarray(response.T[::-1])
+    for before, now in pairwise(filtered):
+        now += kept * before
+    return np.ascontiguousarray(filtered.T)[:, ::-1]
 
 
 def _surprise(covariance: np.ndarray, residual: Sequence[np.ndarray]) -> float:

@@ -9,7 +9,6 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
 
 from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._followed_log import since_stretches_began
@@ -242,6 +241,8 @@ def swings_after(
     turning: w, rad/s. begun: x' at first, per s. Exact where x moves steadily between steps, which are even: x' then
     jumps at each, and d' by as much the other way, and the rest is free vibration.
     """
+    from scipy.signal import lfilter  # loads for 0.4 s, and few commands come here
+
     step = float(time[1] - time[0])
     speed = np.diff(path) / step
     speed = np.append(speed, speed[-1])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
 from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._actuator_effect import ActuatorEffect, without_target
@@ -98,6 +97,8 @@ class ControlHeatFade(ActuatorEffect):
         """The square of the log's control through the lag, (simulation,): of the episodes that the steps `first` of the
         log are in, `elapsed` s after they began.
         """
+        from scipy.signal import lfilter  # loads for 0.4 s, and few commands come here
+
         episode = self._driven.episode_of(first)
         heat = np.zeros(len(first))
         pairs, which = np.unique(np.stack([episode, time_constant]), axis=1, return_inverse=True)

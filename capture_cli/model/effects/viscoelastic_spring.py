@@ -6,7 +6,6 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import lfilter
 
 from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._followed_force import FollowedForce
@@ -131,6 +130,8 @@ def followed(time: np.ndarray, path: Callable[[np.ndarray], np.ndarray], relaxat
 
     path: of times (n,). Exact for what moves steadily between steps that are even.
     """
+    from scipy.signal import lfilter  # loads for 0.4 s, and few commands come here
+
     even = np.linspace(time[0], time[-1], len(time))
     at = path(even)
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
