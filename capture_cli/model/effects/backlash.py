@@ -30,15 +30,16 @@ class Play(TwoMass):
         step, d, rate = self.timestep / WITHIN, self.deflection, self.rate
         theta = 0.5 + 0.5 * step**2 / (self.give * against + step**2)
         h = theta * step
-        resists = self.give * (1 + h * slowing) + h * (self.damping_time + h) / against
+        drives, slows, lasts = h * passed / against, 1 + h * slowing, self.damping_time + h
+        resists = self.give * slows + h * lasts / against
         for _ in range(WITHIN):
-            driven = rate + h * passed / against
-            alone = driven / (1 + h * slowing)
+            driven = rate + drives
+            alone = driven / slows
             ahead = d + h * alone
             side = np.sign(ahead)
             into = d - self.half * side
             pushed = (self.give * driven - h * into / against) / resists
-            pushes = (into + (h + self.damping_time) * pushed) * side >= 0
+            pushes = (into + lasts * pushed) * side >= 0
             mean = np.where((np.abs(ahead) > self.half) & pushes, pushed, alone)
             d, rate = d + step * mean, (mean - (1 - theta) * rate) / theta
         return d, rate, 0.0
