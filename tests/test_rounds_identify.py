@@ -270,7 +270,7 @@ def test_noise_that_training_had_is_not_counted_again(tmp_path):
         drawn = np.random.default_rng(seed).standard_normal(rounds.measured.shape)
         return replace(rounds, measured=rounds.measured + floor * drawn)
 
-    store = write(noisy(1000, 0), tmp_path / "h.zarr", noise="none", noise_sd={"x": floor[0], "y": floor[1]})
+    store = write(noisy(960, 0), tmp_path / "h.zarr", noise="none", noise_sd={"x": floor[0], "y": floor[1]})
     train_sysid(histories=store, out=tmp_path / "c", **{**TINY, "steps": 1}, validation=0.3)
     checkpoint = load_identifier(tmp_path / "c")
     share = checkpoint.model.family.with_noise(checkpoint.noise_beyond(floor)).share_beyond(noisy(400, 1))

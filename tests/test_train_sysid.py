@@ -56,12 +56,12 @@ def those_of_trained_are_drawn(monkeypatch):
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory) -> Path:
-    return write(histories(2000, rounds=5), tmp_path_factory.mktemp("toy") / "h.zarr")
+    return write(histories(1920, rounds=5), tmp_path_factory.mktemp("toy") / "h.zarr")
 
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory) -> Path:
-    return write(histories(60, rounds=5), tmp_path_factory.mktemp("toy") / "small.zarr")
+    return write(histories(64, rounds=5), tmp_path_factory.mktemp("toy") / "small.zarr")
 
 
 @pytest.fixture(scope="module")
@@ -283,8 +283,8 @@ def test_answers_are_the_next_parameters_and_last_the_target():
 def test_a_checkpoint_says_what_it_is(trained, store):
     folder = trained("capture")
     document = json.loads((folder / "identifier.json").read_text())
-    assert document["histories"]["rounds"] == 5 and document["histories"]["pairs"] == 2000
-    assert document["result"]["pairs"] == {"trained": 1800, "held_out": 200}
+    assert document["histories"]["rounds"] == 5 and document["histories"]["pairs"] == 1920
+    assert document["result"]["pairs"] == {"trained": 1728, "held_out": 192}
     assert all(0.88 < share < 0.99 for share in document["result"]["coverage"].values())
     assert (folder / "loss.png").stat().st_size > 1000 and (folder / "provenance.json").is_file()
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
@@ -431,7 +431,7 @@ def test_histories_are_not_replaced_by_what_learns_from_them(small, tmp_path):
         with pytest.raises(OutputError, match="which is read"):
             train_sysid(histories=small, out=out, force=True, **TINY)
         (out / "provenance.json").unlink()
-    assert len(Histories(small)) == 60
+    assert len(Histories(small)) == 64
 
 
 def test_too_few_histories(tmp_path):
