@@ -232,21 +232,15 @@ def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere
     fits = ModelFits(prepared, 1)
     narrower = truth.copy()
     narrower[-len(placed[0].effect.parameters)] *= 0.8
-    searched = fits.fit(prepared, placed, narrower)
-    assert max(searched.error, fits.on(prepared, searched).normalized) < 1.1
-    monkeypatch.setattr(TransmissionEffect, "states_tried", np.zeros((0, 0)))
-    assert ModelFits(prepared, 1).fit(prepared, placed, narrower).error > 1.1
-
-
-def test_a_fit_of_play_escapes_from_its_minimum_when_it_is_asked_to(tmp_path):
-    prepared, truth = planted(tmp_path, "backlash@x.width=0.06", timestep=0.002)
-    placed = [Placed("backlash", REGISTRY.get("backlash")(prepared.task.model, "x"))]
-    fits = ModelFits(prepared, 1)
-    narrower = truth.copy()
-    narrower[-len(placed[0].effect.parameters)] *= 0.8
     descended = fits.fit(prepared, placed, narrower, effort=Effort(escapes=False))
     escaped = fits.escaped(prepared, placed, descended.point, near=descended, effort=Effort())
     assert escaped.error < 1.05 < descended.error
+    assert fits.on(prepared, escaped).normalized < 1.1
+    with monkeypatch.context() as patch:  # of play a fit escapes without being asked to
+        patch.setattr(ModelFits, "_escaped", lambda *_: escaped)
+        assert fits.fit(prepared, placed, narrower, effort=Effort(rounds=1)) is escaped
+    monkeypatch.setattr(TransmissionEffect, "states_tried", np.zeros((0, 0)))
+    assert ModelFits(prepared, 1).fit(prepared, placed, narrower).error > 1.1
 
 
 def test_windows_that_a_trial_does_not_concern_are_not_simulated(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -61,8 +62,7 @@ def walk(name: str, pairs: slice = slice(None), seed: int = 1, **options):
 
 @pytest.fixture(scope="module")
 def walked():
-    made = {}
-    return lambda name: made.setdefault(name, walk(name))
+    return cache(walk)
 
 
 @pytest.mark.parametrize("name", PLAIN)

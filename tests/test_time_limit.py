@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import pytest
+from conftest import draw_nothing
 from diagnosing import look_among
 from held_inputs import held_machine
 
@@ -43,6 +44,17 @@ def asked(tmp_path_factory) -> dict:
     return {"task": task, "real_log": folder / "log.zarr", **ASKED}
 
 
+@pytest.fixture(scope="module")
+def whole(asked, tmp_path_factory) -> tuple[dict, float]:
+    """diagnosis.json of one that has time enough, and how long it took by the clock below."""
+    with pytest.MonkeyPatch.context() as patch:
+        look_among(patch, *FEW)
+        draw_nothing(patch)
+        clock = wound_up(patch)
+        found = diagnose(out=tmp_path_factory.mktemp("whole") / "d", time_limit=1e6, **asked).document
+    return found, clock.seconds
+
+
 class Clock:
     """A clock that a simulated window moves by a second."""
 
@@ -57,13 +69,12 @@ class Clock:
         return found
 
 
-@pytest.fixture
-def clock(monkeypatch) -> Clock:
-    """Time is what simulations take."""
+def wound_up(patch: pytest.MonkeyPatch) -> Clock:
+    """Time is what simulations take, from here on."""
     clock = Clock()
     Clock.own = staticmethod(Engine.rollout)
-    monkeypatch.setattr(Engine, "rollout", lambda *given, **options: clock.rollout(*given, **options))
-    monkeypatch.setattr(TimeLimit, "now", lambda _=None: clock.seconds)
+    patch.setattr(Engine, "rollout", lambda *given, **options: clock.rollout(*given, **options))
+    patch.setattr(TimeLimit, "now", lambda _=None: clock.seconds)
     return clock
 
 
@@ -95,8 +106,8 @@ def test_what_was_found_until_then_stands(asked, tmp_path, monkeypatch, without_
     assert Diagnosis.read(tmp_path / "d").document == found
 
 
-def test_without_a_limit_nothing_is_ended(asked, tmp_path, without_pages):
-    found = diagnose(out=tmp_path / "d", time_limit=1e6, **asked).document
+def test_without_a_limit_nothing_is_ended(whole):
+    found, _ = whole
     # on a linear spring a bias of its sensor is a constant force; both together, or one alone would be cogging
     names = {name.partition("@")[0] for e in found["effects"] for name in [e["name"], *e["tied_with"]]}
     assert len(found["effects"]) == 2 and names >= {"coulomb-friction", "sensor-bias"}
@@ -104,21 +115,19 @@ def test_without_a_limit_nothing_is_ended(asked, tmp_path, without_pages):
     assert [stage["refitted"] for stage in found["stages"]] == [True, False, True]
 
 
-def test_it_ends_in_time_and_says_what_was_left_out(asked, tmp_path, without_pages, clock):
-    assert diagnose(out=tmp_path / "whole", **asked).document["out_of_time"] is None
-    whole = clock.seconds
+def test_it_ends_in_time_and_says_what_was_left_out(asked, whole, tmp_path, without_pages, monkeypatch):
+    clock, (_, seconds) = wound_up(monkeypatch), whole
     for share in (0.2, 0.5, 0.95):
         clock.seconds = 0.0
-        found = diagnose(out=tmp_path / str(share), time_limit=share * whole, **asked).document
-        assert 0.5 * share * whole < clock.seconds <= share * whole + clock.longest
+        found = diagnose(out=tmp_path / str(share), time_limit=share * seconds, **asked).document
+        assert 0.5 * share * seconds < clock.seconds <= share * seconds + clock.longest
         assert found["out_of_time"].startswith("The time limit ended the search")
         assert found["stages"][-1]["refitted"] and found["prediction"]["test"]
     declared, *_, last = (stage["select"]["normalized"] for stage in found["stages"])
     assert found["effects"] and last < declared  # of what held in the round that was cut short
     clock.seconds = 0.0
-    assert (
-        diagnose(out=tmp_path / "in time", time_limit=1.01 * whole, **asked).document["out_of_time"] is None
-    )
+    in_time = diagnose(out=tmp_path / "in time", time_limit=1.01 * seconds, **asked).document
+    assert in_time["out_of_time"] is None
 
 
 def test_what_was_found_stands_once_where_the_time_ends_after_it(asked, tmp_path, without_pages, monkeypatch):
