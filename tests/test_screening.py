@@ -38,7 +38,7 @@ DIFFERENT = 0.98  # cosine of responses above which a log hardly tells two effec
 
 @pytest.mark.parametrize(("machine", "name", "site", "share"), CASES)
 def test_what_was_planted_comes_first_with_its_size(machine, name, site, share):
-    own = Made.of(machine, (name, site, share), episodes=4)
+    own = Made.of(machine, (name, site, share), episodes=2)
     _, values = own.planted[0]
     found = own.screening().additions((), ())
     (right,) = [a for a in found if a.placed.kind == name and a.placed.effect.site == site]
