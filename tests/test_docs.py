@@ -397,7 +397,7 @@ def test_a_shipped_log_is_what_its_readme_says(tmp_path, monkeypatch, log):
 def test_identify_needs_nothing_but_the_shipped_log(tmp_path, monkeypatch, without_pages):
     monkeypatch.chdir(tmp_path)
     log = str(ROOT / "datasets" / "air_hockey.zarr")
-    result = CliRunner().invoke(app, ["identify", "--real-log", log, "--json", "--threads", "2"])
+    result = CliRunner().invoke(app, ["identify", "--real-log", log, "--json", "--threads", "1"])
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
     assert found["in_context"]["checkpoint"] == "capture_cli/checkpoints/air-hockey"

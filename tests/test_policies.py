@@ -163,7 +163,7 @@ def test_the_environments_give_the_rewards_of_the_simulator():
     chosen = np.random.default_rng(0).uniform(-1, 1, (5, len(task.actions))).astype(np.float32)
     following, rewards, dones, infos = env.step(chosen)
     actions = task.actions.from_unit((chosen.astype(float) + 1) / 2)
-    trajectories, _ = Simulator(task, threads=2).trajectories(task.space.from_unit(observed), actions)
+    trajectories, _ = Simulator(task, threads=1).trajectories(task.space.from_unit(observed), actions)
     assert np.array_equal(rewards, np.float32(task.reward(actions, trajectories)))
     assert dones.all()
     assert not np.isin(following, observed).any()

@@ -33,7 +33,7 @@ def recorded(tmp_path_factory):
         noise=0.001,
         episodes=4,
         seed=3,
-        threads=2,
+        threads=1,
     )
     return folder, made
 
@@ -126,7 +126,7 @@ def test_identify_recovers_the_planted_parameters(recorded, tmp_path, without_pa
         test="none",
         starts=3,
         rounds=12,
-        threads=2,
+        threads=1,
         quiet=True,
     )
     space = load_task("air-hockey").space

@@ -16,7 +16,7 @@ LABEL_CHANGES = 0.0494  # half-lengths
 
 @pytest.fixture(scope="module")
 def scooping() -> Simulator:
-    return Simulator(load_task("scooping"), threads=2)
+    return Simulator(load_task("scooping"), threads=1)
 
 
 def observe(simulator: Simulator, com: np.ndarray, scoop_point: np.ndarray) -> np.ndarray:
@@ -65,7 +65,7 @@ def test_distance_calls_a_success_what_the_lift_does(scooping):
     com = generator.uniform(-1, 1, (300, 1))
     scoop_point = np.clip(com + generator.uniform(-0.2, 0.2, com.shape), -1, 1)
     lifted, _ = scooping.trajectories(com, scoop_point)
-    simulator = Simulator(load_task("scooping-distance"), threads=2)
+    simulator = Simulator(load_task("scooping-distance"), threads=1)
     touched, _ = simulator.trajectories(com, scoop_point)
     agree = scooping.task.success(scoop_point, lifted) == simulator.task.success(scoop_point, touched)
     at_the_edge = np.abs(np.abs(com - scoop_point) - LABEL_CHANGES)[:, 0] < 1e-3
