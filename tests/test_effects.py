@@ -658,7 +658,7 @@ def test_a_loose_mass_is_a_body_on_a_spring(loose, frequency, damping_ratio, beg
     force = effect.force(at[None], 1e-3, states=hidden)
     sensors = Engine(one).rollout(initial=start, controls=tape, forces=[force]).sensors
     error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, rigid))
-    assert error < 0.03 * error_rigid
+    assert error < 0.01 * error_rigid
 
 
 @pytest.mark.parametrize(("frequency", "damping_ratio"), [(1.3, 0.003), (6.0, 0.3), (18.0, 0.01)])
@@ -682,15 +682,15 @@ def test_a_loose_mass_begins_inside_a_log_as_the_log_shook_it(frequency, damping
     effect.look_in(SeenLog(0.5, 6.0, frozenset({0}), {0: seen}))
     at = effect.space.to_vector({"mass": loose, "frequency": frequency, "damping_ratio": damping_ratio})
 
-    def error(effect):
-        force = effect.force(np.tile(at, (3, 1)), 1e-3, first=first // 5)
+    def error(in_log):
+        force = effect.force(np.tile(at, (3, 1)), 1e-3, first=in_log)
         moving = rollouts.qpos[0, first, :1], rollouts.qvel[0, first, :1]
         initial = InitialStates(*moving, np.zeros((3, 0)), np.zeros(3))
         own = np.stack([tape[0, a : a + 500] for a in first])
         sensors = Engine(one).rollout(initial, own, forces=[force]).sensors
         return np.sqrt(np.mean([(s - truth[a : a + 500]) ** 2 for s, a in zip(sensors, first, strict=True)]))
 
-    assert error(effect.as_told()) < 0.1 * error(effect)
+    assert error(first // 5) < 0.03 * error(None)
 
 
 @pytest.mark.parametrize("begun", [0.0, 0.8])
@@ -698,12 +698,14 @@ def test_noise_does_not_make_a_path_swing_as_it_begins(begun):
     """Between two noisy samples a speed is known to 0.2 m/s; what is steadily moved does not swing."""
     time, noise = np.arange(500) * 4e-3, 5e-4
     path = begun * time + noise * np.random.default_rng(0).standard_normal(500)
-    shaken = Shaken(time, path, [slice(0, 500)], noise, np.array([begun]), np.array([5e-3]))
+    shaken = Shaken(
+        time, path[:, None], np.ones(1), [slice(0, 500)], noise, np.array([[begun]]), np.array([5e-3])
+    )
     first = np.array([100, 250, 400])
     swing = np.full(3, 1.4), np.full(3, 0.05)
-    error = shaken.error(*swing, first)
+    (place, speed), error = shaken.after(*swing, first, 2e-3)
+    place, speed = place[:, 0], speed[:, 0]
     assert (error < 2e-3).all()
-    place, speed = shaken.after(*swing, first, 2e-3)
     assert (np.abs(place - begun * time[first]) < 2 * error).all()
     assert (np.abs(speed - begun) < 2 * 2 * np.pi * 1.4 * error).all()
 
@@ -755,9 +757,9 @@ def test_a_base_that_gives_is_a_body_on_a_spring(mass, frequency, damping_ratio,
     sensors = Engine(one).rollout(initial=start, controls=tape, forces=[force]).sensors[0]
     error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2, axis=0)) for s in (sensors, rigid))
     # of both models, errors of the step itself are as large
-    assert np.linalg.norm(error[:2]) < 0.08 * np.linalg.norm(error_rigid[:2])
+    assert np.linalg.norm(error[:2]) < 0.04 * np.linalg.norm(error_rigid[:2])
     # an accelerometer jumps with a torque, the base a step later
-    assert np.linalg.norm(error[2:]) < 0.15 * np.linalg.norm(error_rigid[2:])
+    assert np.linalg.norm(error[2:]) < 0.1 * np.linalg.norm(error_rigid[2:])
 
 
 @pytest.mark.parametrize(("name", "axes"), [("slider", ["x"]), ("arm", ["x", "z"])])

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from held_inputs import held_machine
 
-from capture_cli.estimate.balance.screening import BalancedModel
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import Effort, ModelFits
@@ -31,7 +30,6 @@ from capture_cli.select.log_parts import select_folds
 from capture_cli.select.minima import SETTINGS as MINIMA
 from capture_cli.select.minima import minima
 from capture_cli.select.model_comparison import ModelComparison
-from capture_cli.select.rejection import stands_in, swings_anew
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.record import record
 
@@ -372,22 +370,19 @@ def test_what_nothing_shows_stays_where_it_is(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("effect", "stands"),
-    [
-        ("loose-mass@x.mass=0.5", False),
-        ("force-supply-sag=0.3", True),
-        ("viscoelastic-spring@x.stiffness=20", True),
-    ],
+    "effect", ["loose-mass@x.mass=0.5", "force-supply-sag=0.3", "viscoelastic-spring@x.stiffness=20"]
 )
-def test_a_loose_mass_that_stands_in_for_something_else_needs_states_that_are_free(tmp_path, effect, stands):
+def test_a_loose_mass_begins_as_the_log_shook_it_and_so_stands_in_for_nothing_else(tmp_path, effect):
+    """Free in each window, 1.7, 7 and 1.3 times the noise would be left of 188, 50 and 7."""
     prepared, truth = planted(tmp_path, effect)
     folds = select_folds(prepared.windows, prepared.split.is_test)
     models = ModelComparison(ModelFits(prepared, 1), folds, seed=0)
     [loose] = [c.placed for c in all_candidates(prepared) if c.name == "loose-mass@x"]
     declared = models.fits.fit(models.fit_part, [], truth[: len(prepared.task.space)])
-    start = loose.effect.space.from_unit(np.array([0.3, 0.1, 0.1]))
+    start = loose.effect.space.from_unit(np.array([0.5, 0.08, 0.05]))
     fit = models.fit([loose], np.append(declared.point, start), declared)
-    assert fit.error < 0.3 * declared.error  # so it would be taken for an explanation
-    assert bool(stands_in(models, declared, fit, loose)) == stands
-    begun = BalancedModel((loose,), fit.point[: len(declared.point)], (fit.point[fit.columns(loose.name)],))
-    assert bool(swings_anew(models, declared, begun, loose)) == stands
+    if effect.startswith("loose-mass"):
+        assert fit.error < 1.05
+        assert fit.point[fit.columns(loose.name)] == pytest.approx(truth[-3:], rel=0.02)
+    else:
+        assert fit.error > 0.8 * declared.error

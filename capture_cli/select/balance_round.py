@@ -27,8 +27,6 @@ from capture_cli.select.rejection import (
     no_gain,
     out_of_range,
     slight,
-    stands_in,
-    swings_anew,
 )
 from capture_cli.select.score import similarity
 
@@ -191,7 +189,7 @@ class BalanceRound:
         """
         added = model.effects[len(self.current.effects) :]
         is_known = self.models.is_fitted(model.effects)
-        reason = None if is_known else self._ended(model, added) or self._begins_anew(model, added)
+        reason = None if is_known else self._ended(model, added)
         if reason:
             self._reject(added, reason)
             return []
@@ -241,20 +239,12 @@ class BalanceRound:
         names, there = _names(added), _ends(added, model.values[len(self.current.effects) :])
         return next((why for some, at, why in self._at_ends if some < names and at and at <= there), None)
 
-    def _begins_anew(self, model: BalancedModel, added: Sequence[Placed]) -> str | None:
-        """Why effects that swing are no explanation but by hidden states that are free in each window, or None: asked
-        first, for a fit with those takes long. In the balance, where it begins, they follow from the log before.
-        """
-        return _first(swings_anew(self.models, self.current, model, placed) for placed in added)
-
     def _unsupported(self, fit: Fit, added: Sequence[Placed]) -> str | None:
         """What simulations of other windows, and of the log before each, say against it."""
         models, current = self.models, self.current
         candidates = [self.candidates[e.name] for e in added]
         support, _ = models.support_of(current, fit, candidates, self._before, len(self.candidates))
-        return support.reason_against_entry() or _first(
-            stands_in(models, current, fit, placed) for placed in added
-        )
+        return support.reason_against_entry()
 
     def _reject(self, added: Sequence[Placed], reason: str) -> None:
         """Say why an effect is out; of several at once none is out for that."""

@@ -17,13 +17,11 @@ from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.narrow_peaks import NarrowPeaks
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import (
-    implausible,
     leaves_something,
     needed_error,
     no_gain,
     out_of_range,
     slight,
-    stands_in,
 )
 from capture_cli.select.score import similarity
 from capture_cli.select.score_checkpoint import kept_scores
@@ -193,7 +191,7 @@ class ForwardRound:
             current, fit, [candidate], before, self.tried
         )
         reason = candidate.support.reason_against_entry()
-        candidate.why_rejected = reason or stands_in(self.models, current, fit, candidate.placed)
+        candidate.why_rejected = reason
         if candidate.why_rejected is None:
             candidate.fit = self.models.escaped(fit, rival, self.useful_error)
             candidate.select = self.models.judge(candidate.fit)
@@ -227,7 +225,7 @@ class ForwardRound:
         fit = self.models.fit([*current.effects, *added], start, current, Effort(needed=needed))
         if fit is None or fit.penalised_squares >= best.penalised_squares:
             return None
-        plausible = [c for c in places if not implausible(self.models, current, fit, c.placed)]
+        plausible = [c for c in places if not out_of_range(self.models, current, fit, c.placed)]
         if 1 < len(plausible) < len(places):
             return self._together(plausible, best)
         if len(plausible) < len(places) or slight(current, fit, REJECTION.material):

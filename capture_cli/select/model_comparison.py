@@ -223,31 +223,6 @@ class ModelComparison:
         near = fit.error <= LEAST_SQUARES.hopeless * useful_error
         return near and not behind and bool(searched(fit.effects))
 
-    def error_as_told(self, fit: Fit, told: Placed, needed: float) -> float:
-        """The error of `fit` with one of its effects as it is `told`, of which the hidden states follow from the log
-        before each window; fitted anew from there where that is above `needed`: how it swings after long depends on
-        little.
-        """
-        effects = tuple(told if e.name == told.name else e for e in fit.effects)
-        error = self.fits.on(self.fit_part, replace(fit, effects=effects)).normalized
-        if error <= needed:
-            return error
-        return min(error, self.error_of(effects, fit.point, None, needed))
-
-    def begun_as_told(self, fit: Fit) -> Fit:
-        """`fit`, or a better one, begun where the model ends whose hidden states follow from the log before each
-        window: what swings freely in each of them may do so at another frequency.
-        """
-        told = [e._replace(effect=e.effect.as_told() or e.effect) for e in fit.effects]
-        if all(a.effect is b.effect for a, b in zip(told, fit.effects, strict=True)):
-            return fit
-        effort = Effort(escapes=False, seed=self.seed)
-        there = self.fits.fit(self.fit_part, told, fit.point, near=fit, effort=effort)
-        again = there and self.fits.fit(self.fit_part, fit.effects, there.point, effort=effort)
-        found = least([fit, again])
-        self.know(found)
-        return found
-
     def error_of(
         self, effects: Sequence[Placed], start: np.ndarray, near: Fit | None, needed: float
     ) -> float:

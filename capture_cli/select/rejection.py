@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.common.frozen import frozen
-from capture_cli.estimate.balance.screening import BalancedModel
-from capture_cli.estimate.fit import Fit, least
+from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.solve.intervals import intervals
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.model_comparison import ModelComparison
@@ -20,13 +19,6 @@ class SETTINGS:
     # Of a range. A result file says "at its bound" from AT_BOUND on; but a descent gives up where its trust
     # region is this small, and an effect that ends so near to where its range does is drawn there.
     near_bound: float = 1e-3
-
-
-def implausible(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:
-    """What speaks against an effect in `fit`, over `current` without it, or None: where its values are, or that it
-    stands in for something else, which takes more simulations.
-    """
-    return out_of_range(models, current, fit, placed) or stands_in(models, current, fit, placed)
 
 
 def out_of_range(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:
@@ -52,45 +44,6 @@ def out_of_range(models: ModelComparison, current: Fit, fit: Fit, placed: Placed
         if determined[i] and bound != 0 and at_bound:
             return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
     return None
-
-
-def stands_in(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:
-    """Why an effect in `fit` is no explanation but by hidden states that are free in each window, or None.
-
-    Those that follow from the log before have to explain something, too: free in each window, they stand in for much.
-    """
-    effect = placed.effect.as_told()
-    if effect is None:
-        return None
-    alone = len(fit.effects) == len(current.effects) + 1
-    without = current if alone else models.without(fit, placed.name)
-    if without is None:
-        return None
-    needed = needed_error(without, SETTINGS.material)
-    told = models.error_as_told(fit, placed._replace(effect=effect), needed)
-    return None if told <= needed else _begins_anew(told, without)
-
-
-def swings_anew(models: ModelComparison, current: Fit, model: BalancedModel, placed: Placed) -> str | None:
-    """As of `stands_in`, of a model that begins where the balance has it, over the best known with some of its other
-    effects.
-    """
-    effect = placed.effect.as_told()
-    if effect is None:
-        return None
-    others = [e for e in model.effects if e.name != placed.name]
-    without = least([current, *models.known_with_some(others)])
-    needed = needed_error(without, SETTINGS.material)
-    effects = [placed._replace(effect=effect) if e.name == placed.name else e for e in model.effects]
-    told = models.error_of(effects, model.start, current, needed)
-    return None if told <= needed else _begins_anew(told, without)
-
-
-def _begins_anew(told: float, without: Fit) -> str:
-    return (
-        "it would have to begin anew in each window: where it begins as the log before made it swing, "
-        f"{told:.3g} times the noise floor is left, and without it {without.error:.3g}"
-    )
 
 
 def at_end(placed: Placed, values: np.ndarray) -> dict[str, str]:

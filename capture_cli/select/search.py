@@ -31,7 +31,7 @@ from capture_cli.select.log_parts import Folds
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import TIED, WORSE, FittedSet, ModelComparison
 from capture_cli.select.rejection import SETTINGS as REJECTION
-from capture_cli.select.rejection import implausible
+from capture_cli.select.rejection import out_of_range
 from capture_cli.select.score import Score
 
 
@@ -251,7 +251,7 @@ class Attribution:
                 choice = self._better(choice, self._by_simulation(current, choice))
             if choice is None and not (self.accepted or self.given):
                 choice = self._by_simulation(current, covered=True)
-        return None if choice is None else self.models.begun_as_told(self._with(*choice, current))
+        return None if choice is None else self._with(*choice, current)
 
     def _leaves_much(self, fit: Fit, current: Fit) -> bool:
         return not self.models.is_explained(fit) and fit.excess > REJECTION.material * current.excess
@@ -446,7 +446,7 @@ class Attribution:
         if fit is None:
             return None
         found = self._with_fit(rival, without, fit)
-        if found.support.reason_against() or implausible(self.models, without, fit, found.placed):
+        if found.support.reason_against() or out_of_range(self.models, without, fit, found.placed):
             return None
         return found
 

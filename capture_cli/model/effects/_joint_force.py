@@ -26,20 +26,25 @@ _READ = {
 }
 
 
-def inertia_felt(model, factor, inverse_diagonal, dof):
-    """kg or kg m^2: what a force on `dof` alone has to accelerate, 1 / (M^-1) there, of M = L' D L.
+def gives_way(model, factor, inverse_diagonal, forces):
+    """u' M^-1 u, with u the `forces` by their dofs and M = L' D L.
 
     factor (..., nC), inverse_diagonal (..., nv): mjData.qLD and qLDiagInv.
     """
-    column, inverse = {dof: 1.0}, 0.0  # of L'^-1, nonzero where `dof` hangs on
-    for i in range(dof, -1, -1):
+    column, inverse = dict(forces), 0.0  # L'^-1 u, nonzero where those dofs hang on
+    for i in range(max(column), -1, -1):
         if i in column:
             inverse = inverse + column[i] ** 2 * inverse_diagonal[..., i]
             first = int(model.M_rowadr[i])
             for k in range(first, first + int(model.M_rownnz[i]) - 1):
                 above = int(model.M_colind[k])
                 column[above] = column.get(above, 0.0) - factor[..., k] * column[i]
-    return 1 / inverse
+    return inverse
+
+
+def inertia_felt(model, factor, inverse_diagonal, dof):
+    """kg or kg m^2: what a force on `dof` alone has to accelerate; the others as of `gives_way`."""
+    return 1 / gives_way(model, factor, inverse_diagonal, {dof: 1.0})
 
 
 class JointForce(JointEffect):
@@ -84,7 +89,7 @@ class JointForce(JointEffect):
     def companion(self, name, values):
         fields = inputs(self.kernel)
         reads = [_READ.get(field, f"data.{field}[dof]") for field in fields]
-        kernels = (self.kernel, *([inertia_felt] if INERTIA in fields else []))
+        kernels = (self.kernel, *([gives_way, inertia_felt] if INERTIA in fields else []))
         term, state = call(name, self.kernel, reads, self.numbers(values))
         joint = source(self.model, "joint", self.joint_name)
         lines = [f"dof = {joint}.dofadr"] + [f"at = {joint}.qposadr"] * ("data.qpos[at]" in reads)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from copy import copy
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, interp1d
 
 from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._followed_log import since_stretches_began
@@ -27,48 +26,45 @@ class SETTINGS:
     swings: float = 0.5
     # How much farther it commonly swings, before a window begins, than what pushes it would push it once
     resonates: float = 4.0
-    # Of a window: what begins later in a stretch of the log begins as the log before it says.
-    first: float = 0.5
-    hides: float = 2.0  # times what the noise of the log makes of it: how far off that may be
+    # How far off the swing may be that the log tells: times what its noise makes of that, and of how far it commonly
+    # swings. Sensors report late, filter or bend the path.
+    hides: float = 2.0
+    vague: float = 0.1
     # Than the log: straight between its samples a swing of 20 Hz in 100 Hz would be 12 % too small.
     finer: int = 4
     kept: int = 64  # frequencies and damping ratios, the last ones tried, of which it is known how the log shakes them
 
 
 class Vibration:
-    """apart d'' + 2 zeta w d' + w^2 d = -shaken, w = 2 pi frequency, by trapezoidal steps, which damp nothing.
+    """d'' + p = -shaken, p = 2 zeta w d' + w^2 d, w = 2 pi frequency, by trapezoidal steps of h, which damp nothing.
 
-    displaced, moving: d and d' at the start.
+    d'' = -(shaken + p) / R with R = 1 + zeta w h + (w h)^2 / 4 and p of the beginning of the step; d' is half a step
+    earlier, as MuJoCo's qvel is. displaced, moving: d and d' at the start.
     """
 
     def __init__(self, *, frequency, damping_ratio, timestep, displaced=0.0, moving=0.0):
         self.timestep = timestep
-        self.turning = 2 * np.pi * frequency  # w, rad/s
-        self.slowing = 2 * damping_ratio * self.turning
+        turning = 2 * np.pi * frequency  # w, rad/s
+        self.slowing, self.pulling = 2 * damping_ratio * turning, turning**2
+        self.resists = 1 + self.slowing * timestep / 2 + self.pulling * timestep**2 / 4  # R
         self.displaced, self.rate = displaced + 0.0 * frequency, moving + 0.0 * frequency  # d, d'
-        self.change = None  # d''
 
-    def advance(self, shaken, apart=1.0):
-        """The mean of d'' over a step."""
-        h = self.timestep
-        if self.change is None:
-            self.change = -(shaken + self.turning**2 * self.displaced + self.slowing * self.rate) / apart
-        pulled = self.turning**2 * (self.displaced + h * self.rate + h * h / 4 * self.change)
-        pulled = pulled + self.slowing * (self.rate + h / 2 * self.change)
-        resists = apart + self.slowing * h / 2 + (self.turning * h) ** 2 / 4
-        now = -(shaken + pulled) / resists
-        mean = (self.change + now) / 2
-        self.displaced = self.displaced + h * self.rate + h * h / 2 * mean
-        self.rate, self.change = self.rate + h * mean, now
-        return mean
+    def pulled(self):
+        """p."""
+        return self.slowing * self.rate + self.pulling * self.displaced
+
+    def move(self, shaken):
+        """Take a step."""
+        self.rate = self.rate - self.timestep * (shaken + self.pulled()) / self.resists
+        self.displaced = self.displaced + self.timestep * self.rate
 
 
 class VibrationEffect(Effect):
     """An effect of something that swings. Its parameters are how much does, the frequency and the damping ratio.
 
     With x what shakes it, `share` of it, d'' + 2 zeta w d' + w^2 d = -share x''. With states that are free in every
-    window it may stand in for any force that changes slowly. Where it is `shaken`, a window begins as x made it swing
-    since the stretch of the log began.
+    window it would stand in for any force that changes slowly: where the log measured x, a window begins as that made
+    it swing since the stretch of the log began, d and d' being 0 there.
     """
 
     shapes = ("frequency", "damping_ratio")
@@ -79,7 +75,6 @@ class VibrationEffect(Effect):
         "it rests. At 1 what an acceleration of the base (5 m/s^2 times `mobility`), or of the joint by its greatest "
         "common force, comes to at resonance: 4 times it over w^2, and over w, with w = 2 pi `frequency`"
     )
-    shaken: Shaken | None = None
     seen_log: SeenLog | None = None
 
     @property
@@ -107,14 +102,12 @@ class VibrationEffect(Effect):
     def look_in(self, log):
         super().look_in(log)
         self.seen_log = log
+        vars(self).pop("shaken", None)
 
-    def as_told(self):
-        shaken = None if self.seen_log is None else self.shaken_in(self.seen_log)
-        if shaken is None:
-            return None
-        own = copy(self)
-        own.shaken = shaken
-        return own
+    @cached_property
+    def shaken(self) -> Shaken | None:
+        """How x was in the log that it is looked for in; None where that does not measure it."""
+        return None if self.seen_log is None else self.shaken_in(self.seen_log)
 
     @abstractmethod
     def shaken_in(self, log: SeenLog) -> Shaken | None:
@@ -123,6 +116,10 @@ class VibrationEffect(Effect):
     @abstractmethod
     def shaking(self, world: World) -> tuple[np.ndarray, np.ndarray]:
         """x and x' where simulations are now, (simulation,) each."""
+
+    def weights(self, world: World) -> np.ndarray:
+        """Of the parts that x is the mean of, in `shaken_in`, (simulation, part)."""
+        return np.ones((len(world.rows), 1))
 
     def share(self, values: np.ndarray) -> np.ndarray | float:
         """Of x, by which it is shaken, (simulation,); values (simulation, parameter)."""
@@ -139,19 +136,17 @@ class VibrationEffect(Effect):
     ) -> dict[str, np.ndarray]:
         """How it begins, (simulation,) each, at `states`; push: its usual accelerations, m/s^2 or rad/s^2.
 
-        first: as of `force`. What the log tells is off by no more than what its noise makes of it, but in the first
-        window of a stretch; `after` and `following` are x + d and x' + d' with a share of 1.
+        first: as of `force`. `after` and `following` (simulation, part) are x + d and x' + d' with a share of 1, as the
+        log tells them.
         """
         states = np.zeros((len(values), len(self.states))) if states is None else states
-        turning, share = 2 * np.pi * values[:, 1], self.share(values)
+        turning, told = 2 * np.pi * values[:, 1], {}
         far = SETTINGS.resonates * push / turning**2
-        if self.shaken is None or first is None:
-            return {"displaced": far * states[:, 0], "moving": far * turning * states[:, 1]}
-        unknown = self.shaken.elapsed[first] < SETTINGS.first * self.window
-        far = np.where(unknown, far, share * self.shaken.error(values[:, 1], values[:, 2], first))
-        after, following = self.shaken.after(values[:, 1], values[:, 2], first, timestep)
-        begins = {"displaced": far * states[:, 0], "moving": far * turning * states[:, 1]}
-        return begins | {"after": after, "following": following, "share": share + 0.0 * after}
+        if self.shaken is not None and first is not None:
+            (after, following), off = self.shaken.after(values[:, 1], values[:, 2], first, timestep)
+            share = self.share(values) + 0.0 * off
+            far, told = share * off, {"after": after, "following": following, "share": share}
+        return {"displaced": far * states[:, 0], "moving": far * turning * states[:, 1]} | told
 
 
 class ForceShakenBefore(ForceOfKernel):
@@ -161,96 +156,107 @@ class ForceShakenBefore(ForceOfKernel):
         own = super().own(world)
         if "after" in own:
             share, after, following = (own.pop(name) for name in ("share", "after", "following"))
-            x, speed = self.effect.shaking(world)
-            own["displaced"] = own["displaced"] + share * (after - x)
-            own["moving"] = own["moving"] + share * (following - speed)
+            weights, (x, speed) = self.effect.weights(world), self.effect.shaking(world)
+            own["displaced"] = own["displaced"] + share * ((weights * after).sum(axis=1) - x)
+            own["moving"] = own["moving"] + share * ((weights * following).sum(axis=1) - speed)
         return own
 
 
 class Shaken:
     """What swings after a path x of the log at its difference: x + d at every step of the log, and x' + d'.
 
-    time, path (step,): of the log, s, and m or rad; nan where it was not measured. stretches: of its steps; noise: of
-    the path, standard deviation. begun, begun_sd (stretch,): x' where a stretch was first measured, and how well that
-    is known; between two noisy samples it is not. elapsed (step,): s, since the stretch began.
+    time (step,), path (step, part): of the log, s, and m or rad; nan where it was not measured. x is the mean of the
+    parts, whose `weights` (part,) simulations know better. stretches: of the log's steps; noise: of x, standard
+    deviation. begun (stretch, part): speeds where a stretch was first measured; begun_sd (stretch,): how well that of x
+    is known; between two noisy samples it is not.
     """
 
     def __init__(
         self,
         time: np.ndarray,
         path: np.ndarray,
+        weights: np.ndarray,
         stretches: Sequence[slice],
         noise: float,
         begun: np.ndarray,
         begun_sd: np.ndarray,
     ):
-        self._time, self._path, self._stretches, self._noise = time, path, stretches, noise
+        self._time, self._path, self._weights = time, path, weights
+        self._stretches, self._noise = stretches, noise
         self._begun, self._begun_sd = begun, np.zeros(len(time))
         for steps, sd in zip(stretches, begun_sd, strict=True):
             self._begun_sd[steps] = sd
         self._interval = float(np.median(np.diff(time)))
-        self.elapsed = since_stretches_began(time, stretches)
+        self._elapsed = since_stretches_began(time, stretches)
         self._swings = lru_cache(maxsize=SETTINGS.kept)(self._swinging)
 
-    def error(self, frequency: np.ndarray, damping_ratio: np.ndarray, first: np.ndarray) -> np.ndarray:
-        """m or rad: how far off x + d may be at the steps `first` of the log for the noise of the path, (simulation,)
-        each.
+    def after(
+        self, frequency: np.ndarray, damping_ratio: np.ndarray, first: np.ndarray, timestep: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """x + d and x' + d' at the steps `first` of the log, (2, simulation, part), and how far off x + d may be,
+        (simulation,); the others (simulation,), too.
+        """
+        found, off = np.zeros((2, len(first), self._path.shape[1])), np.zeros(len(first))
+        pairs, which = np.unique(np.stack([frequency, damping_ratio]), axis=1, return_inverse=True)
+        for number, (own, ratio) in enumerate(pairs.T):
+            rows = which.ravel() == number
+            swings, off_there = self._swings(float(own), float(ratio), timestep)
+            found[:, rows], off[rows] = swings[:, first[rows]], off_there[first[rows]]
+        return found, off
+
+    def _off(self, displaced: np.ndarray, frequency: float, damping_ratio: float) -> np.ndarray:
+        """m or rad: how far off x + d may be, (step,), where d is `displaced` (step,).
 
         A path with white noise of density S shakes x + d by a variance of S w / (4 zeta): S is the noise's variance
         times the interval between samples. What x' is off where the stretch begins swings freely from there on.
         """
         turning = 2 * np.pi * frequency
-        gathered = turning * self._interval / (4 * damping_ratio)
-        left = np.exp(-damping_ratio * turning * self.elapsed[first])
-        begun = self._begun_sd[first] * left / turning
-        return SETTINGS.hides * np.hypot(self._noise * np.sqrt(gathered + 1.0), begun)
+        gathered = self._noise * np.sqrt(turning * self._interval / (4 * damping_ratio) + 1.0)
+        left = np.exp(-damping_ratio * turning * self._elapsed)
+        shaken = SETTINGS.vague * np.sqrt(np.mean(displaced**2))
+        return np.hypot(SETTINGS.hides * np.hypot(gathered, self._begun_sd * left / turning), shaken)
 
-    def after(
-        self, frequency: np.ndarray, damping_ratio: np.ndarray, first: np.ndarray, timestep: float
-    ) -> np.ndarray:
-        """x + d and x' + d' at the steps `first` of the log, (2, simulation); the others (simulation,), too."""
-        found = np.zeros((2, len(first)))
-        pairs, which = np.unique(np.stack([frequency, damping_ratio]), axis=1, return_inverse=True)
-        for number, (own, ratio) in enumerate(pairs.T):
-            rows = which.ravel() == number
-            found[:, rows] = self._swings(float(own), float(ratio), timestep)[:, first[rows]]
-        return found
-
-    def _swinging(self, frequency: float, damping_ratio: float, timestep: float) -> np.ndarray:
-        """(2, step), where d is of the frequency that steps of the trapezoidal rule give it."""
-        found = np.zeros((2, len(self._path)))
+    def _swinging(
+        self, frequency: float, damping_ratio: float, timestep: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As of `after`, (2, step, part) and (step,), where d is of the frequency that steps of the trapezoidal rule
+        give it, and speeds, as MuJoCo's, are those of half a step before.
+        """
+        found, displaced = np.zeros((2, *self._path.shape)), np.zeros(len(self._path))
         turning = 2 / timestep * np.arctan(np.pi * frequency * timestep)
         for steps, begun in zip(self._stretches, self._begun, strict=True):
             time, path = self._time[steps], self._path[steps]
-            measured = np.isfinite(path)
+            measured = np.isfinite(path).all(axis=1)
             if measured.sum() < 2:
                 continue
             begins, ends = time[measured][[0, -1]]
             even = np.linspace(begins, time[-1], SETTINGS.finer * len(time))
             x = CubicSpline(time[measured], path[measured])(np.minimum(even, ends))
-            swings = swings_after(even, x, turning, damping_ratio, float(begun))
-            found[:, steps] = [np.interp(time, even, own) for own in swings]
-        return found
+            place, speed = swings_after(even, x, turning, damping_ratio, begun)
+            found[0, steps] = interp1d(even, place, axis=0)(time)
+            found[1, steps] = interp1d(even, speed, axis=0)(np.maximum(time - timestep / 2, begins))
+            displaced[steps] = np.interp(time, even, (place - x) @ self._weights)
+        return found, self._off(displaced, frequency, damping_ratio)
 
 
 def swings_after(
-    time: np.ndarray, path: np.ndarray, turning: float, damping_ratio: float, begun: float
+    time: np.ndarray, path: np.ndarray, turning: float, damping_ratio: float, begun: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """x + d and x' + d', (step,) each, of d'' + 2 zeta w d' + w^2 d = -x'', d = d' = 0 at first, along x = `path`.
+    """x + d and x' + d', (step, part) each, of d'' + 2 zeta w d' + w^2 d = -x'', d = d' = 0 at first, along x = `path`.
 
-    turning: w, rad/s. begun: x' at first, per s. Exact where x moves steadily between steps, which are even: x' then
-    jumps at each, and d' by as much the other way, and the rest is free vibration.
+    turning: w, rad/s. begun (part,): x' at first, per s. Exact where x moves steadily between steps, which are even:
+    x' then jumps at each, and d' by as much the other way, and the rest is free vibration.
     """
     from scipy.signal import lfilter  # loads for 0.4 s, and few commands come here
 
     step = float(time[1] - time[0])
-    speed = np.diff(path) / step
-    speed = np.append(speed, speed[-1])
-    jumps = -np.diff(speed, prepend=begun)
+    speed = np.diff(path, axis=0) / step
+    speed = np.concatenate([speed, speed[-1:]])
+    jumps = -np.diff(speed, axis=0, prepend=begun[None])
     slowing = damping_ratio * turning
     swung = np.sqrt(turning**2 - slowing**2)
     left, angle = np.exp(-slowing * step), swung * step
     poles = [1.0, -2 * left * np.cos(angle), left**2]
-    displaced = lfilter([0.0, left * np.sin(angle) / swung], poles, jumps)
-    moving = lfilter([1.0, -left * (np.cos(angle) + slowing / swung * np.sin(angle))], poles, jumps)
+    displaced = lfilter([0.0, left * np.sin(angle) / swung], poles, jumps, axis=0)
+    moving = lfilter([1.0, -left * (np.cos(angle) + slowing / swung * np.sin(angle))], poles, jumps, axis=0)
     return path + displaced, speed + moving

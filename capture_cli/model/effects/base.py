@@ -314,12 +314,6 @@ class Effect(ABC):
         """
         return np.ones((len(first), len(self.states)), dtype=bool)
 
-    def as_told(self) -> Effect | None:
-        """The effect with states at the start of simulations that follow from the log before; None where they are free
-        there, or do so anyway.
-        """
-        return None
-
     def fitted_to(self, first: np.ndarray) -> Effect:
         """The effect with what is known of it where it was fitted to simulations that begin at the steps `first`
         (simulation,) of the log: itself.

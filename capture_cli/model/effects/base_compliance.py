@@ -7,6 +7,7 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
+from capture_cli.model.effects._joint_force import gives_way
 from capture_cli.model.effects._kernel import Companion, call, kept
 from capture_cli.model.effects._scales import driven_joints, moving_bodies
 from capture_cli.model.effects._vibration import ForceShakenBefore, Shaken, Vibration, VibrationEffect
@@ -20,22 +21,35 @@ AXES = ("x", "y", "z")
 class SprungBase(Vibration):
     """Acceleration x'' of a base that what moves on it pushes.
 
-    With m_i a_i the masses that move and their accelerations along the axis as seen from the base, M their sum and
-    M_b the mass of the base, (M_b + M) x'' + c x' + k x = -sum m_i a_i. mobility: M / (M_b + M).
+    With m_i a_i the masses that move and their accelerations along the axis as seen from the base, M their sum, b the
+    mean acceleration and M_b the mass of the base, (M_b + M) x'' + c x' + k x = -M b. mobility u: M / (M_b + M).
+
+    What holds the masses back is x'' times their momenta per speed, J; it takes g x'' of b, g = J' (mass matrix)^-1 J
+    / M. So x'' = -(u (b + g x'') + p) / (R - u g), where b + g x'', what b were on a base that stays, is not known
+    before the step: it is taken to go on as in the two before. The base moves by the b that came of it.
     """
 
     def __init__(self, *, mobility, timestep, **rest):
         super().__init__(timestep=timestep, **rest)
         self.mobility = mobility
-        self.before = None  # momentum, kg m/s
+        self.before = self.staying = None  # momentum, kg m/s, and b + g x'', m/s^2, of the step before
         self.accelerates = 0.0  # x'', m/s^2
 
-    def __call__(self, momentum, force, mass):
-        """x''. momentum: of what moves, seen from the base; force: its rate, which counts at the first step alone."""
-        if self.before is not None:
-            force = (momentum - self.before) / self.timestep
+    def __call__(self, momentum, force, mass, gives):
+        """x''. momentum: of what moves, seen from the base; force: its rate, which counts at the first step alone;
+        gives: g, of the step before.
+        """
+        if self.before is None:
+            goes_on = force / mass
+        else:
+            mean = (momentum - self.before) / (self.timestep * mass)
+            self.move(self.mobility * mean)
+            stayed = mean + gives * self.accelerates
+            goes_on = stayed if self.staying is None else 2 * stayed - self.staying
+            self.staying = stayed
         self.before = np.array(momentum)
-        self.accelerates = self.advance(self.mobility * force / mass)
+        resists = self.resists - self.mobility * gives
+        self.accelerates = -(self.mobility * goes_on + self.pulled()) / resists
         return self.accelerates
 
 
@@ -87,34 +101,40 @@ class BaseCompliance(VibrationEffect):
         if any(joint not in log.seen for joint in range(model.njnt)):
             return None
         paths = np.stack([log.seen[joint].path for joint in range(model.njnt)], axis=1)
-        data, centre = mujoco.MjData(model), np.full(len(paths), np.nan)
+        data, parts = mujoco.MjData(model), np.full((len(paths), len(self.moving)), np.nan)
         for step in np.flatnonzero(np.isfinite(paths).all(axis=1)):
             data.qpos[model.jnt_qposadr] = paths[step]
             mujoco.mj_kinematics(model, data)
-            centre[step] = centre_along(model.body_mass, data.xipos, self.moving, self.axis)
+            parts[step] = data.xipos[self.moving, self.axis]
         known, joints = log.seen[0], [log.seen[joint] for joint in range(model.njnt)]
-        begun, begun_sd = np.zeros((2, len(known.stretches)))
+        weights = model.body_mass[self.moving] / model.body_mass[self.moving].sum()
+        begun, begun_sd = np.zeros((len(known.stretches), len(weights))), np.zeros(len(known.stretches))
         for number, steps in enumerate(known.stretches):
-            measured = np.isfinite(centre[steps])
+            measured = np.isfinite(parts[steps]).all(axis=1)
             if measured.any():
-                moved = self._moved_centre(paths[steps][np.argmax(measured)])
+                moved = self._moved(paths[steps][np.argmax(measured)])
                 begun[number] = moved @ [own.begun[number] for own in joints]
-                begun_sd[number] = np.linalg.norm(moved * [own.begun_sd[number] for own in joints])
-        noise = float(
-            np.linalg.norm(self._moved_centre(model.qpos0[model.jnt_qposadr]) * [own.noise for own in joints])
-        )
-        return Shaken(known.time, centre, known.stretches, noise, begun, begun_sd)
+                begun_sd[number] = np.linalg.norm(weights @ moved * [own.begun_sd[number] for own in joints])
+        moved = weights @ self._moved(model.qpos0[model.jnt_qposadr])
+        noise = float(np.linalg.norm(moved * [own.noise for own in joints]))
+        return Shaken(known.time, parts, weights, known.stretches, noise, begun, begun_sd)
 
-    def _moved_centre(self, joints: np.ndarray) -> np.ndarray:
-        """By how much each of the `joints` (joint,), where they are, moves the centre of what moves along the axis, m
-        per m or rad.
+    def _moved(self, joints: np.ndarray) -> np.ndarray:
+        """By how much each of the `joints` (joint,), where they are, moves the centre of each body along the axis,
+        (body, joint), m per m or rad.
         """
-        model = self.model
-        data = mujoco.MjData(model)
+        model, jacobian = self.model, np.zeros((3, self.model.nv))
+        data, moved = mujoco.MjData(model), []
         data.qpos[model.jnt_qposadr] = joints
         mujoco.mj_fwdPosition(model, data)
-        moved = momentum_along(model, self.axis, data.cdof, data.subtree_com, model.body_subtreemass)
-        return moved[model.jnt_dofadr] / model.body_mass[self.moving].sum()
+        for body in self.moving:
+            mujoco.mj_jacBodyCom(model, data, jacobian, None, int(body))
+            moved.append(jacobian[self.axis, model.jnt_dofadr])
+        return np.array(moved)
+
+    def weights(self, world):
+        masses = world.vary("body_mass")[:, self.moving]
+        return masses / masses.sum(axis=1, keepdims=True)
 
     def share(self, values):
         return values[:, 0]
@@ -134,11 +154,13 @@ class BaseCompliance(VibrationEffect):
         return kind(self, self.coefficients(values) | begins, timestep)
 
     def companion(self, name, values):
-        given = ["per_speed @ data.qvel", "per_speed @ data.qacc", f"model.body_mass[{self.moving}].sum()"]
+        given = ["per_speed @ data.qvel", "per_speed @ data.qacc", "mass", "gives / mass"]
         term, state = call(name, SprungBase, given, self.numbers(values))
         fields = "data.cdof, data.subtree_com, model.body_subtreemass"
         lines = (
             f"per_speed = momentum_along(model, {self.axis}, {fields})",
+            f"mass = model.body_mass[{self.moving}].sum()",
+            "gives = gives_way(model, data.qLD, data.qLDiagInv, dict(enumerate(per_speed)))",
             f"data.qfrc_applied -= per_speed * {term}",
         )
         after = tuple(
@@ -146,7 +168,7 @@ class BaseCompliance(VibrationEffect):
             f" * {kept(name)}.accelerates"
             for at, site in self.accelerometers.items()
         )
-        return Companion((momentum_along, SprungBase), lines, state, ("data.qfrc_applied",), after)
+        return Companion((momentum_along, gives_way, SprungBase), lines, state, ("data.qfrc_applied",), after)
 
 
 class ForceOfUnseenBase(ForceShakenBefore):
@@ -157,7 +179,9 @@ class ForceOfUnseenBase(ForceShakenBefore):
         masses, subtrees = world.vary("body_mass"), world.vary("body_subtreemass")
         per_speed = momentum_along(effect.model, effect.axis, world.cdof, world.subtree_com, subtrees)
         momentum, force = (per_speed * world.qvel).sum(axis=1), (per_speed * world.qacc).sum(axis=1)
-        accelerates = base(momentum, force, masses[:, effect.moving].sum(axis=1))
+        mass = masses[:, effect.moving].sum(axis=1)
+        gives = gives_way(effect.model, world.qLD, world.qLDiagInv, dict(enumerate(per_speed.T)))
+        accelerates = base(momentum, force, mass, gives / mass)
         world.qfrc_applied[:] -= per_speed * accelerates[:, None]
 
 

@@ -4,35 +4,48 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.model.effects._joint_force import JointForce
+from capture_cli.model.effects._joint_force import INERTIA, JointForce, gives_way, inertia_felt
+from capture_cli.model.effects._kernel import Companion, call
+from capture_cli.model.effects._places import source
 from capture_cli.model.effects._scales import characteristic_force, free_inertia
 from capture_cli.model.effects._two_mass import MOST_SHARE
 from capture_cli.model.effects._vibration import ForceShakenBefore, Shaken, Vibration, VibrationEffect
 from capture_cli.model.parameters import Parameter
 
+RIGID = ("dof_armature", "dof_M0")  # MuJoCo takes the inertia of a joint that turns one free body from dof_M0
+
 
 class Oscillator(Vibration):
     """The force -m d'' on a joint, of whose inertia M the part m hangs on a spring and is d ahead of the rest.
 
-    The model carries all of M rigidly. With a the joint's acceleration the loose part obeys
-    m (a + d'') = -k d - c d', and all together M a = F - m d'', with F what the model knows of. Eliminating a,
-
-        d'' (1 - m / M) + 2 zeta w d' + w^2 d = -b,   w^2 = k / m,   2 zeta w = c / m,
-
-    b = a + (m / M) d'' being the acceleration without the extra force; b is that of the step before.
+    The model carries all of M rigidly. With a the joint's acceleration and F what the model knows of, M a = F - m d''
+    and d'' = -(a + p) / R, so (M - m / R) a = F + m p / R: MuJoCo solves for the acceleration of the step, which the
+    next knows from the speeds.
     """
 
     def __init__(self, *, mass, timestep, **rest):
         super().__init__(timestep=timestep, **rest)
         self.mass = mass
-        self.extra, self.speed = 0.0 * mass, None  # the force of the last step, and the joint's speed there
+        self.speed, self.taken = None, 0.0 * mass  # the joint's speed, and m / R, of the step before
 
-    def __call__(self, qvel, qacc, inertia):
-        """The force. qacc and inertia (M) are of the step before."""
-        mass = np.minimum(self.mass, MOST_SHARE * inertia)
-        rigid = qacc if self.speed is None else (qvel - self.speed) / self.timestep - self.extra / inertia
-        self.extra, self.speed = -mass * self.advance(rigid, 1 - mass / inertia), np.array(qvel)
-        return self.extra
+    def __call__(self, qvel, inertia):
+        """The force m p / R, and the inertia m / R that is not rigid. inertia: of the step before, without that."""
+        if self.speed is not None:
+            self.move((qvel - self.speed) / self.timestep)
+        self.speed = np.array(qvel)
+        self.taken = np.minimum(self.mass, MOST_SHARE * (inertia + self.taken)) / self.resists
+        return self.taken * self.pulled(), self.taken
+
+
+class ForceOfLooseMass(ForceShakenBefore):
+    """The force of a loose mass, and the joint's inertia without it, over a batch, chunk after chunk."""
+
+    def __call__(self, world):
+        effect, loose = self.effect, self.kernel_in(world)
+        force, taken = loose(effect.read(world, "qvel"), effect.read(world, INERTIA))
+        effect.add(world, force)
+        for field in RIGID:
+            world.vary(field)[:, effect.dof] -= taken
 
 
 class LooseMass(VibrationEffect, JointForce):
@@ -43,7 +56,6 @@ class LooseMass(VibrationEffect, JointForce):
     """
 
     summary = "something inside that is not fixed: a liquid that sloshes, a load that swings"
-    reads_acceleration = True
     kernel = Oscillator
 
     @property
@@ -63,7 +75,8 @@ class LooseMass(VibrationEffect, JointForce):
         seen = log.seen.get(self.joint)
         if seen is None:
             return None
-        return Shaken(seen.time, seen.path, seen.stretches, seen.noise, seen.begun, seen.begun_sd)
+        path, begun = seen.path[:, None], seen.begun[:, None]
+        return Shaken(seen.time, path, np.ones(1), seen.stretches, seen.noise, begun, seen.begun_sd)
 
     def shaking(self, world):
         return self.read(world, "qpos"), self.read(world, "qvel")
@@ -71,4 +84,12 @@ class LooseMass(VibrationEffect, JointForce):
     def force(self, values, timestep, *, states=None, first=None, **_):
         push = characteristic_force(self.model, self.joint) / self.total
         begins = self.begins(values, states, push, timestep=timestep, first=first)
-        return ForceShakenBefore(self, self.coefficients(values) | begins, timestep)
+        return ForceOfLooseMass(self, self.coefficients(values) | begins, timestep)
+
+    def companion(self, name, values):
+        given = ["data.qvel[dof]", "inertia_felt(model, data.qLD, data.qLDiagInv, int(dof[0]))"]
+        term, state = call(name, Oscillator, given, self.numbers(values))
+        lines = [f"dof = {source(self.model, 'joint', self.joint_name)}.dofadr", f"force, taken = {term}"]
+        lines += ["data.qfrc_applied[dof] += force", *(f"model.{field}[dof] -= taken" for field in RIGID)]
+        changes = ("data.qfrc_applied", *(f"model.{field}" for field in RIGID))
+        return Companion((Oscillator, gives_way, inertia_felt), tuple(lines), state, changes)
