@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -32,7 +33,7 @@ class SETTINGS:
     vague: float = 0.1
     # Than the log: straight between its samples a swing of 20 Hz in 100 Hz would be 12 % too small.
     finer: int = 4
-    kept: int = 64  # frequencies and damping ratios, the last ones tried, of which it is known how the log shakes them
+    kept: int = 16  # frequencies and damping ratios, the last ones tried, of which it is known how the log shakes them
 
 
 class Vibration:
@@ -162,6 +163,7 @@ class ForceShakenBefore(ForceOfKernel):
         return own
 
 
+@dataclass(frozen=True, eq=False)
 class Shaken:
     """What swings after a path x of the log at its difference: x + d at every step of the log, and x' + d'.
 
@@ -171,24 +173,17 @@ class Shaken:
     is known; between two noisy samples it is not.
     """
 
-    def __init__(
-        self,
-        time: np.ndarray,
-        path: np.ndarray,
-        weights: np.ndarray,
-        stretches: Sequence[slice],
-        noise: float,
-        begun: np.ndarray,
-        begun_sd: np.ndarray,
-    ):
-        self._time, self._path, self._weights = time, path, weights
-        self._stretches, self._noise = stretches, noise
-        self._begun, self._begun_sd = begun, np.zeros(len(time))
-        for steps, sd in zip(stretches, begun_sd, strict=True):
-            self._begun_sd[steps] = sd
-        self._interval = float(np.median(np.diff(time)))
-        self._elapsed = since_stretches_began(time, stretches)
-        self._swings = lru_cache(maxsize=SETTINGS.kept)(self._swinging)
+    time: np.ndarray
+    path: np.ndarray
+    weights: np.ndarray
+    stretches: Sequence[slice]
+    noise: float
+    begun: np.ndarray
+    begun_sd: np.ndarray
+
+    @cached_property
+    def _swings(self) -> Callable:
+        return lru_cache(maxsize=SETTINGS.kept)(self._swinging)
 
     def after(
         self, frequency: np.ndarray, damping_ratio: np.ndarray, first: np.ndarray, timestep: float
@@ -196,7 +191,7 @@ class Shaken:
         """x + d and x' + d' at the steps `first` of the log, (2, simulation, part), and how far off x + d may be,
         (simulation,); the others (simulation,), too.
         """
-        found, off = np.zeros((2, len(first), self._path.shape[1])), np.zeros(len(first))
+        found, off = np.zeros((2, len(first), self.path.shape[1])), np.zeros(len(first))
         pairs, which = np.unique(np.stack([frequency, damping_ratio]), axis=1, return_inverse=True)
         for number, (own, ratio) in enumerate(pairs.T):
             rows = which.ravel() == number
@@ -210,11 +205,13 @@ class Shaken:
         A path with white noise of density S shakes x + d by a variance of S w / (4 zeta): S is the noise's variance
         times the interval between samples. What x' is off where the stretch begins swings freely from there on.
         """
-        turning = 2 * np.pi * frequency
-        gathered = self._noise * np.sqrt(turning * self._interval / (4 * damping_ratio) + 1.0)
-        left = np.exp(-damping_ratio * turning * self._elapsed)
+        turning, interval = 2 * np.pi * frequency, float(np.median(np.diff(self.time)))
+        gathered = self.noise * np.sqrt(turning * interval / (4 * damping_ratio) + 1.0)
+        begun = np.exp(-damping_ratio * turning * since_stretches_began(self.time, self.stretches)) / turning
+        for steps, sd in zip(self.stretches, self.begun_sd, strict=True):
+            begun[steps] *= sd
         shaken = SETTINGS.vague * np.sqrt(np.mean(displaced**2))
-        return np.hypot(SETTINGS.hides * np.hypot(gathered, self._begun_sd * left / turning), shaken)
+        return np.hypot(SETTINGS.hides * np.hypot(gathered, begun), shaken)
 
     def _swinging(
         self, frequency: float, damping_ratio: float, timestep: float
@@ -222,10 +219,10 @@ class Shaken:
         """As of `after`, (2, step, part) and (step,), where d is of the frequency that steps of the trapezoidal rule
         give it, and speeds, as MuJoCo's, are those of half a step before.
         """
-        found, displaced = np.zeros((2, *self._path.shape)), np.zeros(len(self._path))
+        found, displaced = np.zeros((2, *self.path.shape)), np.zeros(len(self.path))
         turning = 2 / timestep * np.arctan(np.pi * frequency * timestep)
-        for steps, begun in zip(self._stretches, self._begun, strict=True):
-            time, path = self._time[steps], self._path[steps]
+        for steps, begun in zip(self.stretches, self.begun, strict=True):
+            time, path = self.time[steps], self.path[steps]
             measured = np.isfinite(path).all(axis=1)
             if measured.sum() < 2:
                 continue
@@ -233,9 +230,9 @@ class Shaken:
             even = np.linspace(begins, time[-1], SETTINGS.finer * len(time))
             x = CubicSpline(time[measured], path[measured])(np.minimum(even, ends))
             place, speed = swings_after(even, x, turning, damping_ratio, begun)
-            found[0, steps] = interp1d(even, place, axis=0)(time)
+            found[0, steps] = interp1d(even, place, axis=0)(np.maximum(time, begins))
             found[1, steps] = interp1d(even, speed, axis=0)(np.maximum(time - timestep / 2, begins))
-            displaced[steps] = np.interp(time, even, (place - x) @ self._weights)
+            displaced[steps] = np.interp(time, even, (place - x) @ self.weights)
         return found, self._off(displaced, frequency, damping_ratio)
 
 
