@@ -333,14 +333,14 @@ class ModelComparison:
         by which it is ahead of more than those that judge put it behind.
         """
         more, gain = self._more_and_gain(best, other)
-        if more < 0 and gain - self._behind(best, other) > SETTINGS.strong:
+        if more < 0 and self._whole(best, other) > SETTINGS.strong:
             return True
         return gain > -SETTINGS.clearly_better - chance(best.fit, other.fit) and self._indistinct(best, other)
 
     def best_of(self, some: Sequence[Compared]) -> Compared:
-        """By BIC."""
+        """By BIC, and what judges."""
         first = some[0]
-        return max(some, key=lambda other: self._more_and_gain(first, other)[1])
+        return max(some, key=lambda other: self._whole(first, other))
 
     def is_better(self, fit: Fit, other: Fit) -> bool:
         """Whether the model `other` is clearly better than `fit` by BIC, and no worse on what judges."""
@@ -348,6 +348,12 @@ class ModelComparison:
             return False
         before, after = self.judge(fit), self.judge(other)
         return after is None or after.penalised_squares.sum() <= before.penalised_squares.sum()
+
+    def _whole(self, mine: Compared, other: Compared) -> float:
+        """What `other` gains by BIC where both were fitted, and in twice the log likelihood of what judges, if any."""
+        gain = self._more_and_gain(mine, other)[1]
+        is_judged = mine.select is not None and other.select is not None
+        return gain - self._behind(mine, other) if is_judged else gain
 
     def _more_and_gain(self, mine: Compared, other: Compared) -> tuple[int, float]:
         """How many parameters `other` has more than `mine`, and what its fit gains by BIC."""
@@ -413,12 +419,12 @@ class ModelComparison:
     def compare(self, mine: Candidate, other: Candidate) -> str:
         """Whether `other` is BETTER in the place of `mine`, or TIED with it, or why it is neither."""
         more, gain = self._more_and_gain(mine, other)
-        if more > 0 and gain < SETTINGS.clearly_better:
+        if more > 0 and self._whole(mine, other) < SETTINGS.clearly_better:
             is_same = similarity(mine.score.response, other.score.response) > SETTINGS.same_here
             return TIED if is_same and self._indistinct(mine, other) else NOT_WORTH_IT
         if not self._indistinct(mine, other):
             # where fitted and judging windows disagree, the sum of both decides
-            whole = gain - self._behind(mine, other)
+            whole = self._whole(mine, other)
             if min(abs(gain), abs(whole)) <= SETTINGS.strong:
                 return TIED
             return WORSE if whole < 0 else BETTER
