@@ -59,15 +59,17 @@ class Measured:
     def rounds(self) -> list[int]:
         return [n for n in ROUNDS if n <= self.document["rounds"]]
 
-    def about(self) -> str:
-        """Counts, and the code."""
+    def about(self, trainings: int = 1) -> str:
+        """Counts, and the code. trainings: how many, each in a folder of its own, are like this one."""
         d, code = self.document, self.provenance.get("code")
         seeds = f", {d['seeds']} draws" if d["seeds"] > 1 else ""
         noise = "" if d["noise"] == "none" else f", noise {d['noise']}"
         trained = {e["pairs_trained"] for e in self.rows.values() if e.get("pairs_trained")}
         histories = f", trained on {_either(sorted(trained))} histories" if trained else ""
         by = f"code {code[:8]}" if code else "the code was not noted"
-        return f"`{self.folder}`: {d['pairs']} pairs{seeds}, {d['rounds']} rounds{noise}{histories}; {by}."
+        counts = f"{d['pairs']} pairs{seeds}, {d['rounds']} rounds{noise}{histories}"
+        several = f" {trainings} trainings, ± their deviation." if trainings > 1 else ""
+        return f"`{Path(self.folder).parts[0]}`: {counts}; {by}.{several}"
 
 
 def air_hockey() -> str:
@@ -80,11 +82,16 @@ def scooping() -> str:
     return _sections("scooping", successes, "success")
 
 
-def _sections(task: str, table: Callable[[Measured], str], told: str) -> str:
-    """A section for each evaluation of the task, and one for its ablations, of which `told` is told."""
-    found = _measured(task)
-    cells = [m for m in found if "/" in m.folder]
-    sections = [_section(m, (table, pairs)) for m in found if m not in cells]
+def _sections(task: str, table: Callable[..., str], told: str) -> str:
+    """A section for each evaluation of the task, where there are several trainings of all (FOLDER/N), and one for its
+    ablations (FOLDER/N/CELL), of which `told` is told.
+    """
+    evaluations: dict[str, list[Measured]] = {}
+    cells = []
+    for m in _measured(task):
+        folder, *within = Path(m.folder).parts
+        (cells if len(within) > 1 else evaluations.setdefault(folder, [])).append(m)
+    sections = [_section(trainings, table) for _, trainings in sorted(evaluations.items())]
     return "\n\n".join([*sections, *([ablations(cells, told)] if cells else [])])
 
 
@@ -114,20 +121,21 @@ def _measured(task: str, *, in_world: bool = False) -> list[Measured]:
     ]
 
 
-def _section(measured: Measured, tables: Iterable[Callable[[Measured], str]]) -> str:
-    made = [table(measured) for table in tables]
-    return "\n\n".join([measured.about(), *(text for text in made if text)])
+def _section(trainings: list[Measured], table: Callable[..., str]) -> str:
+    made = [trainings[0].about(len(trainings)), table(*trainings), *map(pairs, trainings)]
+    return "\n\n".join(text for text in made if text)
 
 
 # --- tables ---
 
 
-def differences(m: Measured) -> str:
+def differences(*trainings: Measured) -> str:
     """How far estimates are from the truth, what the intervals hold and what it cost; then the trajectory difference,
-    and that over domain randomisation's, the paper's in brackets.
+    and that over domain randomisation's, the paper's in brackets. Of several trainings their means.
     """
+    m = trainings[0]
     if sum(e["simulated_rollouts"][1] > 1 for e in m.rows.values()) > 1:
-        return budgets(m)
+        return budgets(*trainings)
     last, at, first, *others = m.document["rounds"], min(AT, m.document["rounds"]), *m.rounds
     compared = any(e["ratio"] for e in m.rows.values())
     header = [
@@ -138,18 +146,26 @@ def differences(m: Measured) -> str:
         f"trajectory at {last}",
     ]
     header += [f"ratio at {at}"] * compared
-    rows = [
-        [
+    rows = []
+    for label, e in m.rows.items():
+        of = [t.rows[label] for t in trainings]
+        errors = [t["parameter_difference"]["mean"] for t in of]
+        cover, ratio = _mean_of(of, "coverage"), _mean_of(of, "ratio")
+        row = [
             label,
-            *(NONE if label == YARDSTICK else _two(e["parameter_difference"]["mean"][n]) for n in m.rounds),
-            f"{e['coverage'][at - 1]:.2f}" if e.get("coverage") else NONE,
-            f"{e['simulated_rollouts'][last]:.0f}",
-            f"{e['trajectory_difference'][last]:.3g}",
-            *([f"{_two(e['ratio'][at])}{_of_paper(m, e, at)}" if e["ratio"] else NONE] * compared),
+            *(NONE if label == YARDSTICK else _spread([error[n] for error in errors]) for n in m.rounds),
+            f"{cover[at - 1]:.2f}" if cover is not None else NONE,
+            f"{_mean_of(of, 'simulated_rollouts')[last]:.0f}",
+            f"{_mean_of(of, 'trajectory_difference')[last]:.3g}",
+            *([f"{_two(ratio[at])}{_of_paper(m, e, at)}" if ratio is not None else NONE] * compared),
         ]
-        for label, e in m.rows.items()
-    ]
+        rows.append(row)
     return _table([NONE, *header], rows)
+
+
+def _mean_of(entries: list[Mapping[str, Any]], key: str) -> np.ndarray | None:
+    """By rounds, over trainings."""
+    return np.mean([e[key] for e in entries], axis=0) if entries[0].get(key) else None
 
 
 def ablations(cells: list[Measured], told: str) -> str:
@@ -158,7 +174,7 @@ def ablations(cells: list[Measured], told: str) -> str:
     """
     trainings, last = len({Path(m.folder).parent for m in cells}), min(m.document["rounds"] for m in cells)
     document = {**cells[0].document, "rounds": last}
-    about = replace(cells[0], folder=Path(cells[0].folder).parts[0], document=document).about()
+    about = replace(cells[0], document=document).about(trainings)
     found: dict[str, list[Mapping[str, Any]]] = {}
     for m in cells:
         for label, e in m.rows.items():
@@ -169,9 +185,8 @@ def ablations(cells: list[Measured], told: str) -> str:
         [value, *(_spread([figures[name](e)[n] for e in entries]) for name, n in columns)]
         for value, entries in found.items()
     ]
-    said = f" {trainings} trainings, ± their deviation." if trainings > 1 else ""
     header = [f"{name.partition('_')[0]} at {n}" for name, n in columns]
-    return f"{about}{said}\n\n{_table([NONE, *header], rows)}"
+    return f"{about}\n\n{_table([NONE, *header], rows)}"
 
 
 def budgets(m: Measured) -> str:
@@ -407,7 +422,7 @@ def _held(e: Mapping[str, Any], first: int) -> str:
 def _two(value: float) -> str:
     """Two digits, never with an exponent."""
     text = f"{value:.2g}"
-    return f"{value:.5f}".rstrip("0") if "e" in text else text
+    return f"{value:.5f}".rstrip("0").rstrip(".") if "e" in text else text
 
 
 def _spread(values: list[float]) -> str:

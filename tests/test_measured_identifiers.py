@@ -50,6 +50,22 @@ def test_errors_stand_beside_what_was_simulated_for_them_where_several_simulate(
     assert "| cover at 2 | rollouts |" in measured_identifiers.differences(Measured("f", alone, {}))
 
 
+def test_trainings_of_all_that_is_compared_are_one_table(monkeypatch, measured):
+    def of(training: int, error: float, rollouts: float) -> Measured:
+        row = {**entry([0.3, error, error], [0, 1, rollouts]), "coverage": [0.9, error]}
+        return Measured(f"equal/{training}", {**measured.document, "identifiers": {"x": row}}, {"code": "0"})
+
+    alone = Measured("paper", of(1, 0.5, 2).document, {"code": "0"})
+    monkeypatch.setattr(
+        measured_identifiers, "_measured", lambda task: [of(1, 0.125, 2), of(2, 0.135, 4), alone]
+    )
+    text = measured_identifiers._sections("t", measured_identifiers.differences, "success")
+    together, row, _, other = (text.splitlines()[n] for n in (0, 4, 5, -1))
+    assert together.startswith("`equal`: 10 pairs") and together.endswith("2 trainings, ± their deviation.")
+    assert row == "| x | 0.13 ± 0.007 | 0.13 | 3 | 0.13 |"
+    assert "`paper`: 10 pairs" in text and other == "| x | 0.5 | 0.50 | 2 | 0.5 |"
+
+
 def test_trainings_of_an_ablation_are_one_row_with_their_spread(measured):
     def of(training: int, cell: str, values: dict[str, float]) -> Measured:
         rows = {
