@@ -148,12 +148,14 @@ def differences(*trainings: Measured) -> str:
     header += [f"ratio at {at}"] * compared
     rows = []
     for label, e in m.rows.items():
+        if label == YARDSTICK:
+            continue  # the ratio says what the others are beside it
         of = [t.rows[label] for t in trainings]
         errors = [t["parameter_difference"]["mean"] for t in of]
         cover, ratio = _mean_of(of, "coverage"), _mean_of(of, "ratio")
         row = [
             label,
-            *(NONE if label == YARDSTICK else _spread([error[n] for error in errors]) for n in m.rounds),
+            *(_spread([error[n] for error in errors]) for n in m.rounds),
             f"{cover[at - 1]:.2f}" if cover is not None else NONE,
             f"{_mean_of(of, 'simulated_rollouts')[last]:.0f}",
             f"{_mean_of(of, 'trajectory_difference')[last]:.3g}",
