@@ -222,8 +222,8 @@ def _shares(effect: Effect, settings: DictionarySettings) -> tuple[float, ...]:
     if effect.place not in ("force", "control"):
         return (settings.step,)
     # dry friction acts one way, and so does what the limits of a control cut off
-    led = effect.place == "force" and effect.states  # what remembers need not grow in proportion
-    return (settings.step, -settings.step, *(settings.far_steps if led else ()))
+    remembers = effect.states or effect.remembers  # what does need not grow in proportion
+    return (settings.step, -settings.step, *(settings.far_steps if remembers else ()))
 
 
 def _is_reverse(columns: Sequence[Accelerations], others: Sequence[Accelerations], tolerance: float) -> bool:
