@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import shutil
 import signal
@@ -24,8 +23,7 @@ if KEPT_APART:
     sys.dont_write_bytecode = False
 
 import pytest  # noqa: E402
-from mujoco import batch  # noqa: E402
-from warm_capture import DRAWS  # noqa: E402
+from warm_capture import DRAWS, begin_few_threads  # noqa: E402
 
 from capture_cli.cli import main  # noqa: E402
 from capture_cli.common.extras import EXTRAS, missing  # noqa: E402
@@ -128,30 +126,9 @@ def nothing_is_synced():
 
 
 @pytest.fixture(autouse=True, scope="session")
-def zarr_keeps_to_its_thread():
-    """It has one for each of the files of a store, which are small here: to begin it takes as long as to write them."""
-
-    async def here(function, *arguments, **options):
-        return function(*arguments, **options)
-
+def few_threads_are_begun():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(asyncio, "to_thread", here)
-        yield
-
-
-@pytest.fixture(autouse=True, scope="session")
-def simulations_take_a_thread_each_worker():
-    """Beside other workers, where all cores would be asked for: threads wait for each other at every step, and give the
-    same bits however many they are.
-    """
-    begin = batch.Batch.__init__
-
-    def begun(self, model, nsim, nthread=0, persistent=False):
-        begin(self, model, nsim, nthread or 1, persistent)
-
-    with pytest.MonkeyPatch.context() as patch:
-        if "PYTEST_XDIST_WORKER" in os.environ:
-            patch.setattr(batch.Batch, "__init__", begun)
+        begin_few_threads(patch.setattr)
         yield
 
 

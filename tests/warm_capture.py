@@ -5,6 +5,7 @@ That is most of what a small command takes. The copies share nothing but files, 
 
 from __future__ import annotations
 
+import asyncio
 import importlib
 import io
 import json
@@ -14,9 +15,10 @@ import subprocess
 import sys
 import tempfile
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 CLIENT = """
 import json, os, socket, sys
@@ -66,6 +68,26 @@ def warm_capture(
                 server.kill()
 
 
+def begin_few_threads(put: Callable[[Any, str, Any], None]) -> None:
+    """zarr begins no thread for each file of a store, which takes as long as to write it; and beside other workers of
+    the tests MuJoCo simulates on one thread where all cores are asked for: threads wait for each other at every
+    step, and give the same bits however many they are. put: setattr, or what takes it back later.
+    """
+    from mujoco import batch
+
+    begin = batch.Batch.__init__
+
+    async def here(function, *arguments, **options):
+        return function(*arguments, **options)
+
+    def begun(self, model, nsim, nthread=0, persistent=False):
+        begin(self, model, nsim, nthread or 1, persistent)
+
+    put(asyncio, "to_thread", here)
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        put(batch.Batch, "__init__", begun)
+
+
 def serve(address: str, stages: Sequence[str], undrawn: Sequence[str], among: Sequence[str]) -> None:
     """One command after another, each in a copy of this process."""
     importlib.import_module("capture_cli.cli.app")
@@ -80,6 +102,7 @@ def serve(address: str, stages: Sequence[str], undrawn: Sequence[str], among: Se
         drawing = importlib.import_module(f"capture_cli.{module}")
         assert callable(getattr(drawing, function))
         setattr(drawing, function, lambda *_: None)
+    begin_few_threads(setattr)
     if among:
         import pytest
         from diagnosing import look_among
