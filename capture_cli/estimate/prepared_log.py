@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from capture_cli.estimate.balance.input_timing import InputTiming
-from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.initial_states.from_outputs import InitialStateEstimate
 from capture_cli.estimate.noise.noise_floor import NoiseFloor
 from capture_cli.estimate.solve.base import Data, Trial
@@ -21,6 +20,10 @@ from capture_cli.model.quaternion_signs import aligned, quaternion_columns
 from capture_cli.model.states import corrections_between, shift
 from capture_cli.model.tasks.base import Task
 from capture_cli.simulate.simulator import InitialConditions, Simulator
+
+if TYPE_CHECKING:  # the balance loads SciPy, and who only checks a log works out none
+    from capture_cli.estimate.balance.input_timing import InputTiming
+    from capture_cli.estimate.balance.screening import Screening
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from capture_cli.common.frozen import frozen
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.estimate.initial_states.nominal_motion import nominal_motion
 from capture_cli.estimate.log_windows import clock
-from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import NewSplit
 from capture_cli.log.input_sequences import LoggedInputs
@@ -70,6 +69,8 @@ class LogWindows:
     def sequences(self, machine: Task, point_times: np.ndarray, window: float, seed: int) -> Sequences:
         """As long as `window` s."""
         log = MeasuredLog.read(self.path, self.max_log_size)
+        from capture_cli.estimate.prepare import prepare  # loads SciPy, which actions of no log do without
+
         return log_sequences(prepare(log, machine, window=window, split=NewSplit(seed=seed)), point_times)
 
 
