@@ -192,6 +192,12 @@ class ModelComparison:
         names = set(_key(effects))
         return [fit for key, fit in self._fitted.items() if names.issuperset(key)]
 
+    def explaining_with(self, names: set[str]) -> set[str]:
+        """Effects that explained the log with those called `names` and no others."""
+        more = {key: set(key) - names for key in self._fitted if names < set(key)}
+        known = {key: self._fitted[key] for key, others in more.items() if len(others) == 1}
+        return {min(more[key]) for key, fit in known.items() if fit is not None and self.is_explained(fit)}
+
     def _fit_from(
         self, starts: Sequence[np.ndarray], effects: Sequence[Placed], near: Fit, effort: Effort
     ) -> Fit | None:

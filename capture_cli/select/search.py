@@ -363,7 +363,7 @@ class Attribution:
         """Rivals of accepted effects, by what the model without it leaves with the others in.
 
         What spoke for one while others were missing may have been theirs. The last that came was asked then. Of a law
-        at several places one place is asked.
+        at several places one place is asked. What explains the log in its place is a rival whatever the balance says.
         """
         asked: set[tuple[str, str]] = set()
         for accepted in self.accepted:
@@ -379,7 +379,7 @@ class Attribution:
             mine = next((c for c in ranked if c.name == accepted.name), None)
             if mine is None:
                 continue
-            known = {r.name for r in accepted.rivals}
+            known = {r.name for r in accepted.rivals} | self.models.explaining_with(inside)
             new = [
                 c for c in ranked if c.score.gain > SETTINGS.as_much * mine.score.gain and c.name not in known
             ]
