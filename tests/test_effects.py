@@ -703,7 +703,8 @@ def test_noise_does_not_make_a_path_swing_as_it_begins(begun):
     )
     first = np.array([100, 250, 400])
     swing = np.full(3, 1.4), np.full(3, 0.05)
-    (place, speed), error = shaken.after(*swing, first, 2e-3)
+    (place, speed), error, common = shaken.after(*swing, first, 2e-3)
+    assert (common < 2e-3).all()
     place, speed = place[:, 0], speed[:, 0]
     assert (error < 2e-3).all()
     assert (np.abs(place - begun * time[first]) < 2 * error).all()

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_cli.log.arrays import Log
@@ -56,6 +56,7 @@ def test_few_windows_are_all_judged_once():
     assert (np.sum([own for _, own in folds], axis=0) == np.r_[np.ones(6), 0]).all()
 
 
+@settings(deadline=None)
 @given(st.data())
 def test_the_order_of_the_episodes_does_not_matter(data):
     counts = data.draw(st.lists(st.integers(1, 9), min_size=2, max_size=8))

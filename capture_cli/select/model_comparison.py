@@ -205,11 +205,27 @@ class ModelComparison:
         found = None
         for start in starts:
             own = replace(effort, seed=self.seed, rival=least([found, effort.rival]))
-            fit = self.fits.fit(self.fit_part, effects, start, near=near, effort=own)
-            found = least([found, fit])
+            found = least([found, self.fits.fit(self.fit_part, effects, start, near=near, effort=own)])
+            if found is None or not self.is_explained(found):
+                found = least([found, self._eased(start, effects, near, own)])
             if found is not None and self.is_explained(found):
                 break
         return found
+
+    def _eased(self, start: np.ndarray, effects: Sequence[Placed], near: Fit, effort: Effort) -> Fit | None:
+        """The fit from where that of effects not in `near` ends whose states are less bound to the log before; None
+        where there are none, or that does not help either.
+        """
+        inside = {e.name for e in near.effects}
+        eased = [
+            e._replace(effect=e.effect.eased() or e.effect) if e.name not in inside else e for e in effects
+        ]
+        if all(a.effect is b.effect for a, b in zip(eased, effects, strict=True)):
+            return None
+        there = self.fits.fit(self.fit_part, eased, start, near=near, effort=effort)
+        if there is None or there.error > effort.needed:
+            return None
+        return self.fits.fit(self.fit_part, effects, there.point, near=near, effort=effort)
 
     def escaped(self, fit: Fit, rival: Fit | None, useful_error: float) -> Fit:
         """`fit`, or where the escape from a minimum leads that hidden states make, taken for the one of its effects."""

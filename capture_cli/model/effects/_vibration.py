@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -31,6 +32,9 @@ class SETTINGS:
     # swings. Sensors report late, filter or bend the path.
     hides: float = 2.0
     vague: float = 0.1
+    eased: float = (
+        1.0  # likewise, where a descent begins: bound to the log its valley is as narrow as a resonance
+    )
     # Than the log: straight between its samples a swing of 20 Hz in 100 Hz would be 12 % too small.
     finer: int = 4
     kept: int = 16  # frequencies and damping ratios, the last ones tried, of which it is known how the log shakes them
@@ -77,6 +81,7 @@ class VibrationEffect(Effect):
         "common force, comes to at resonance: 4 times it over w^2, and over w, with w = 2 pi `frequency`"
     )
     seen_log: SeenLog | None = None
+    vague: float = SETTINGS.vague
 
     @property
     def swinging(self) -> tuple[Parameter, Parameter]:
@@ -104,6 +109,13 @@ class VibrationEffect(Effect):
         super().look_in(log)
         self.seen_log = log
         vars(self).pop("shaken", None)
+
+    def eased(self):
+        if self.shaken is None:
+            return None
+        own = copy(self)
+        own.vague = SETTINGS.eased
+        return own
 
     @cached_property
     def shaken(self) -> Shaken | None:
@@ -144,9 +156,10 @@ class VibrationEffect(Effect):
         turning, told = 2 * np.pi * values[:, 1], {}
         far = SETTINGS.resonates * push / turning**2
         if self.shaken is not None and first is not None:
-            (after, following), off = self.shaken.after(values[:, 1], values[:, 2], first, timestep)
+            (after, following), off, swings = self.shaken.after(values[:, 1], values[:, 2], first, timestep)
             share = self.share(values) + 0.0 * off
-            far, told = share * off, {"after": after, "following": following, "share": share}
+            far = share * np.hypot(off, self.vague * swings)
+            told = {"after": after, "following": following, "share": share}
         return {"displaced": far * states[:, 0], "moving": far * turning * states[:, 1]} | told
 
 
@@ -187,20 +200,22 @@ class Shaken:
 
     def after(
         self, frequency: np.ndarray, damping_ratio: np.ndarray, first: np.ndarray, timestep: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """x + d and x' + d' at the steps `first` of the log, (2, simulation, part), and how far off x + d may be,
-        (simulation,); the others (simulation,), too.
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x + d and x' + d' at the steps `first` of the log, (2, simulation, part), how far off x + d may be for the
+        noise, and how large d commonly is, (simulation,) each; the others (simulation,), too.
         """
-        found, off = np.zeros((2, len(first), self.path.shape[1])), np.zeros(len(first))
+        found = np.zeros((2, len(first), self.path.shape[1]))
+        off, common = np.zeros((2, len(first)))
         pairs, which = np.unique(np.stack([frequency, damping_ratio]), axis=1, return_inverse=True)
         for number, (own, ratio) in enumerate(pairs.T):
             rows = which.ravel() == number
-            swings, off_there = self._swings(float(own), float(ratio), timestep)
-            found[:, rows], off[rows] = swings[:, first[rows]], off_there[first[rows]]
-        return found, off
+            swings, displaced = self._swings(float(own), float(ratio), timestep)
+            found[:, rows], common[rows] = swings[:, first[rows]], displaced
+            off[rows] = self._off(float(own), float(ratio))[first[rows]]
+        return found, off, common
 
-    def _off(self, displaced: np.ndarray, frequency: float, damping_ratio: float) -> np.ndarray:
-        """m or rad: how far off x + d may be, (step,), where d is `displaced` (step,).
+    def _off(self, frequency: float, damping_ratio: float) -> np.ndarray:
+        """m or rad: how far off x + d may be for the noise, (step,).
 
         A path with white noise of density S shakes x + d by a variance of S w / (4 zeta): S is the noise's variance
         times the interval between samples. What x' is off where the stretch begins swings freely from there on.
@@ -210,14 +225,11 @@ class Shaken:
         begun = np.exp(-damping_ratio * turning * since_stretches_began(self.time, self.stretches)) / turning
         for steps, sd in zip(self.stretches, self.begun_sd, strict=True):
             begun[steps] *= sd
-        shaken = SETTINGS.vague * np.sqrt(np.mean(displaced**2))
-        return np.hypot(SETTINGS.hides * np.hypot(gathered, begun), shaken)
+        return SETTINGS.hides * np.hypot(gathered, begun)
 
-    def _swinging(
-        self, frequency: float, damping_ratio: float, timestep: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """As of `after`, (2, step, part) and (step,), where d is of the frequency that steps of the trapezoidal rule
-        give it, and speeds, as MuJoCo's, are those of half a step before.
+    def _swinging(self, frequency: float, damping_ratio: float, timestep: float) -> tuple[np.ndarray, float]:
+        """x + d and x' + d', (2, step, part), and how large d commonly is; d is of the frequency that steps of the
+        trapezoidal rule give it, and speeds, as MuJoCo's, are those of half a step before.
         """
         found, displaced = np.zeros((2, *self.path.shape)), np.zeros(len(self.path))
         turning = 2 / timestep * np.arctan(np.pi * frequency * timestep)
@@ -233,7 +245,7 @@ class Shaken:
             found[0, steps] = interp1d(even, place, axis=0)(np.maximum(time, begins))
             found[1, steps] = interp1d(even, speed, axis=0)(np.maximum(time - timestep / 2, begins))
             displaced[steps] = np.interp(time, even, (place - x) @ self.weights)
-        return found, self._off(displaced, frequency, damping_ratio)
+        return found, float(np.sqrt(np.mean(displaced**2)))
 
 
 def swings_after(

@@ -314,6 +314,12 @@ class Effect(ABC):
         """
         return np.ones((len(first), len(self.states)), dtype=bool)
 
+    def eased(self) -> Effect | None:
+        """The effect with states that are less bound to the log before, for a descent to come from farther; None where
+        they are free.
+        """
+        return None
+
     def fitted_to(self, first: np.ndarray) -> Effect:
         """The effect with what is known of it where it was fitted to simulations that begin at the steps `first`
         (simulation,) of the log: itself.
