@@ -240,7 +240,7 @@ class BalanceRound:
         return next((why for some, at, why in self._at_ends if some < names and at and at <= there), None)
 
     def _unsupported(self, fit: Fit, added: Sequence[Placed]) -> str | None:
-        """What simulations of other windows, and of the log before each, say against it."""
+        """What simulations of other windows say against it."""
         models, current = self.models, self.current
         candidates = [self.candidates[e.name] for e in added]
         support, _ = models.support_of(current, fit, candidates, self._before, len(self.candidates))

@@ -190,8 +190,7 @@ class ForwardRound:
         candidate.support, candidate.select = self.models.support_of(
             current, fit, [candidate], before, self.tried
         )
-        reason = candidate.support.reason_against_entry()
-        candidate.why_rejected = reason
+        candidate.why_rejected = candidate.support.reason_against_entry()
         if candidate.why_rejected is None:
             candidate.fit = self.models.escaped(fit, rival, self.useful_error)
             candidate.select = self.models.judge(candidate.fit)

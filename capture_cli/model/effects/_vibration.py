@@ -33,7 +33,7 @@ class SETTINGS:
     hides: float = 2.0
     vague: float = 0.1
     eased: float = (
-        1.0  # likewise, where a descent begins: bound to the log its valley is as narrow as a resonance
+        1.0  # likewise, where a descent begins: bound to the log, its valley is as narrow as a resonance
     )
     # Than the log: straight between its samples a swing of 20 Hz in 100 Hz would be 12 % too small.
     finer: int = 4
@@ -76,9 +76,9 @@ class VibrationEffect(Effect):
     vague_at_end = ("frequency",)
     states = ("displaced", "moving")
     states_mean = (
-        "`displaced`, `moving`: how far (m or rad) and how fast (m/s or rad/s; its `rate`) what swings is from where "
-        "it rests. At 1 what an acceleration of the base (5 m/s^2 times `mobility`), or of the joint by its greatest "
-        "common force, comes to at resonance: 4 times it over w^2, and over w, with w = 2 pi `frequency`"
+        "`displaced`, `moving`: how far (m or rad) and how fast what swings is from where the log made it swing; at 1 "
+        "as far as that may be off, or without a log 4 a / w^2 and 4 a / w, w = 2 pi `frequency`, a an acceleration of "
+        "the base (5 m/s^2 times `mobility`) or of the joint by its greatest common force"
     )
     seen_log: SeenLog | None = None
     vague: float = SETTINGS.vague
