@@ -48,8 +48,7 @@ class Effort:
     rival: a fit of the same part; this one is stopped early where it stays far behind, less early where it has fewer
     parameters: of two that do as well it would be the better. to_reach: the error that is asked of it; it is stopped,
     less early, where it stays far above. needed: the error above which the model is of no use; it is stopped where it
-    does not promise to get there. enough: the error at which it is done. escapes: whether poor minima that contacts or
-    hidden states make are escaped from.
+    does not promise to get there. escapes: whether poor minima that contacts or hidden states make are escaped from.
     """
 
     rounds: int = SETTINGS.fit_rounds
@@ -59,7 +58,6 @@ class Effort:
     rival: Fit | None = None
     to_reach: float = np.inf
     needed: float = np.inf
-    enough: float = 0.0
     escapes: bool = True
 
 
@@ -256,7 +254,7 @@ class ModelFits:
             rounds=effort.rounds,
             tolerance=tolerance,
             seed=effort.seed,
-            early_stop=EarlyStop(to_beat, patience, effort.needed, effort.enough),
+            early_stop=EarlyStop(to_beat, patience, effort.needed),
             measured=measured,
         )
         best = run(solver, lambda trial: part.evaluate(simulator, trial))

@@ -245,16 +245,6 @@ class ModelComparison:
         near = fit.error <= LEAST_SQUARES.hopeless * useful_error
         return near and not behind and bool(searched(fit.effects))
 
-    def error_of(
-        self, effects: Sequence[Placed], start: np.ndarray, near: Fit | None, needed: float
-    ) -> float:
-        """What a fit from `start` (parameter,) leaves, as far as is asked: whether that is above `needed`; inf where it
-        diverges.
-        """
-        effort = Effort(needed=needed, enough=needed, escapes=False, seed=self.seed)
-        fit = self.fits.fit(self.fit_part, effects, start, near=near, effort=effort)
-        return np.inf if fit is None else fit.error
-
     def explained_from(self, start: np.ndarray, effects: Sequence[Placed], near: Fit) -> Fit | None:
         """The fit from `start` (parameter,), taken for the one of its effects, if it leaves nothing but noise."""
         found = self._fit_from([start], effects, near, Effort(to_reach=lack_of_fit(near.at).threshold))

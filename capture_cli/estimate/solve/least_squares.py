@@ -29,13 +29,11 @@ class SETTINGS:
 class EarlyStop:
     """When a descent is stopped early: where it stays far above `to_beat`, an error that is known to be possible, for
     `patience` rounds; and where it does not promise to get to `needed`, an error above which the answer is of no use.
-    It is done where it is at `enough`.
     """
 
     to_beat: float = np.inf
     patience: int = SETTINGS.patience
     needed: float = np.inf
-    enough: float = 0.0
 
 
 class LeastSquares(Identifier):
@@ -160,6 +158,5 @@ class LeastSquares(Identifier):
             beaten |= descent.falls_short_of(self.early_stop.needed)
             descent.stopped_early |= beaten
             close = np.abs(descent.x - self.space.to_unit(best.parameters)).max(initial=0.0) < 1e-3
-            enough = descent.error <= self.early_stop.enough
-            if beaten or enough or (close and descent.best.error > best.error):
+            if beaten or (close and descent.best.error > best.error):
                 descent.converged = True

@@ -32,9 +32,7 @@ class SETTINGS:
     # swings. Sensors report late, filter or bend the path.
     hides: float = 2.0
     vague: float = 0.1
-    eased: float = (
-        1.0  # likewise, where a descent begins: bound to the log, its valley is as narrow as a resonance
-    )
+    eased: float = 1.0  # `vague` where a descent begins: the valley of a resonance is narrow
     # Than the log: straight between its samples a swing of 20 Hz in 100 Hz would be 12 % too small.
     finer: int = 4
     kept: int = 16  # frequencies and damping ratios, the last ones tried, of which it is known how the log shakes them
@@ -209,9 +207,12 @@ class Shaken:
         pairs, which = np.unique(np.stack([frequency, damping_ratio]), axis=1, return_inverse=True)
         for number, (own, ratio) in enumerate(pairs.T):
             rows = which.ravel() == number
-            swings, displaced = self._swings(float(own), float(ratio), timestep)
-            found[:, rows], common[rows] = swings[:, first[rows]], displaced
-            off[rows] = self._off(float(own), float(ratio))[first[rows]]
+            swings, off_there, displaced = self._swings(float(own), float(ratio), timestep)
+            found[:, rows], off[rows], common[rows] = (
+                swings[:, first[rows]],
+                off_there[first[rows]],
+                displaced,
+            )
         return found, off, common
 
     def _off(self, frequency: float, damping_ratio: float) -> np.ndarray:
@@ -227,8 +228,10 @@ class Shaken:
             begun[steps] *= sd
         return SETTINGS.hides * np.hypot(gathered, begun)
 
-    def _swinging(self, frequency: float, damping_ratio: float, timestep: float) -> tuple[np.ndarray, float]:
-        """x + d and x' + d', (2, step, part), and how large d commonly is; d is of the frequency that steps of the
+    def _swinging(
+        self, frequency: float, damping_ratio: float, timestep: float
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """As of `after`, (2, step, part), (step,) and a number, where d is of the frequency that steps of the
         trapezoidal rule give it, and speeds, as MuJoCo's, are those of half a step before.
         """
         found, displaced = np.zeros((2, *self.path.shape)), np.zeros(len(self.path))
@@ -245,7 +248,7 @@ class Shaken:
             found[0, steps] = interp1d(even, place, axis=0)(np.maximum(time, begins))
             found[1, steps] = interp1d(even, speed, axis=0)(np.maximum(time - timestep / 2, begins))
             displaced[steps] = np.interp(time, even, (place - x) @ self.weights)
-        return found, float(np.sqrt(np.mean(displaced**2)))
+        return found, self._off(frequency, damping_ratio), float(np.sqrt(np.mean(displaced**2)))
 
 
 def swings_after(
