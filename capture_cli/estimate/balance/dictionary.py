@@ -17,9 +17,10 @@ from capture_cli.model.effects.placed import Placed
 class DictionarySettings:
     """shapes: values of one nonlinear parameter; shapes_of_several: of each where there are two, and of more one in the
     middle, for the fit moves them. periods: of a force that repeats. step: of an amplitude's range, at which a column
-    is taken; far_steps: of effects that remember. beyond_onset: of effects with a threshold, below which they do
-    nothing, likewise: of the range from where they begin to; and halvings: by which that is found. known: of its range,
-    how large an amplitude may be beforehand, a standard deviation: ranges are guesses, but within some times. largest:
+    is taken; far_steps: of effects that remember; same_way: the cosine of columns at the first and at the last step
+    beyond which none is taken between. beyond_onset: of effects with a threshold, below which they do nothing,
+    likewise: of the range from where they begin to; and halvings: by which that is found. known: of its range, how
+    large an amplitude may be beforehand, a standard deviation: ranges are guesses, but within some times. largest:
     acceleration by a step, over the largest that the model predicts: what is beyond it has run away. linear: of what an
     effect does, by which a step and its reverse may differ to be one column. rounding: of the largest that the model
     predicts, below which a column is none.
@@ -30,6 +31,7 @@ class DictionarySettings:
     periods: int = 160
     step: float = 0.02
     far_steps: tuple[float, ...] = (0.1, 0.3, 0.7)
+    same_way: float = 0.98
     beyond_onset: tuple[float, ...] = (0.03, 0.08, 0.16, 0.3, 0.5, 0.75)
     halvings: int = 5
     known: float = 3.0
@@ -64,9 +66,11 @@ class Atom:
         """How large a coefficient of each column may be beforehand, (column,)."""
         return np.resize(self.known, len(self.amplitudes) + self.apart)
 
-    def is_reverse_of(self, other: Atom) -> bool:
-        """Whether it takes the reverse steps of the amplitudes, at the same values."""
-        return np.array_equal(self.values, other.values) and np.array_equal(self.unit, -other.unit)
+    def is_times(self, other: Atom, times: float) -> bool:
+        """Whether it takes so many times the other's steps of the amplitudes, at the same values."""
+        return np.array_equal(self.values, other.values) and np.allclose(
+            self.unit, times * other.unit, rtol=1e-9, atol=0.0
+        )
 
     def alone(self, columns: Sequence[Accelerations]) -> Iterator[tuple[Atom, list[Accelerations]]]:
         """Each amplitude by itself, the others null, where there are several and not every sign is allowed."""
@@ -132,44 +136,54 @@ def atoms(
     if isinstance(effect, PeriodicForce):
         yield from _repeating(balance, placed, amplitudes, settings)
         return
-    size = np.abs(balance.null.predicted).max()
-    largest, least = settings.largest * size, settings.rounding * size
-    values, owners = [], []
-    for point in _shapes(effect, settings):
-        onset = _onset(balance, effect, point, amplitudes, least, settings)
-        for share in _shares(effect, settings):
-            reach = onset + (1 - onset) * share
-            units = np.array([_reach(space, point, i, s) for i, s in zip(amplitudes, reach, strict=True)])
-            inside = (point[list(amplitudes)] + units >= space.low[list(amplitudes)]) & (
-                point[list(amplitudes)] + units <= space.high[list(amplitudes)]
-            )
-            if not inside.all():
-                continue
-            known = settings.known * space.span[list(amplitudes)] / np.abs(units)
-            owners.append(Atom(placed, point, amplitudes, units, known))
-            values += [
-                point + np.eye(len(point))[i] * unit for i, unit in zip(amplitudes, units, strict=True)
-            ]
-    if not owners:
-        return
-    changes = balance.of_effect(effect, np.array(values))
-    usable = [
-        (atom, columns)
-        for number, atom in enumerate(owners)
-        if _can_be_compared(
-            columns := changes[number * len(amplitudes) : (number + 1) * len(amplitudes)], largest, least
-        )
-    ]
-    if effect.mixes and len(usable) > 1:
-        yield _mixture(usable)
-    for atom, columns in usable:
-        reverse = [c for a, c in usable if a.is_reverse_of(atom)]
+    found = _usable(balance, placed, amplitudes, _shares(effect, settings), settings)
+    if _may_saturate(effect) and not _do_the_same(found, settings):
+        between = (-settings.step, *settings.far_steps[:-1])
+        found += _usable(balance, placed, amplitudes, between, settings)
+    if effect.mixes and len(found) > 1:
+        yield _mixture(found)
+    for atom, columns in found:
+        reverse = [c for a, c in found if a.is_times(atom, -1.0)]
         if reverse and not _is_reverse(columns, reverse[0], settings.linear):
             atom = replace(atom, one_way=True)
         elif reverse and atom.unit[0] < 0:
             continue
         yield atom, columns
         yield from atom.alone(columns)
+
+
+def _usable(
+    balance: ForceBalance,
+    placed: Placed,
+    amplitudes: tuple[int, ...],
+    shares: Sequence[float],
+    settings: DictionarySettings,
+) -> list[tuple[Atom, list[Accelerations]]]:
+    """Atoms of an effect at each of its shapes, with steps of these `shares` of the amplitudes' ranges, that do
+    something, and nothing absurd.
+    """
+    space, own = placed.effect.space, list(amplitudes)
+    size = np.abs(balance.null.predicted).max()
+    largest, least = settings.largest * size, settings.rounding * size
+    values, owners = [], []
+    for point in _shapes(placed.effect, settings):
+        onset = _onset(balance, placed.effect, point, amplitudes, least, settings)
+        for share in shares:
+            reach = onset + (1 - onset) * share
+            units = np.array([_reach(space, point, i, s) for i, s in zip(amplitudes, reach, strict=True)])
+            if ((point[own] + units < space.low[own]) | (point[own] + units > space.high[own])).any():
+                continue
+            owners.append(
+                Atom(placed, point, amplitudes, units, settings.known * space.span[own] / np.abs(units))
+            )
+            values += [
+                point + np.eye(len(point))[i] * unit for i, unit in zip(amplitudes, units, strict=True)
+            ]
+    if not owners:
+        return []
+    changes = iter(balance.of_effect(placed.effect, np.array(values)))
+    found = [(atom, [next(changes) for _ in amplitudes]) for atom in owners]
+    return [(atom, columns) for atom, columns in found if _can_be_compared(columns, largest, least)]
 
 
 def _mixture(parts: Sequence[tuple[Atom, list[Accelerations]]]) -> tuple[Atom, list[Accelerations]]:
@@ -221,9 +235,30 @@ def _shares(effect: Effect, settings: DictionarySettings) -> tuple[float, ...]:
         return settings.beyond_onset
     if effect.place not in ("force", "control"):
         return (settings.step,)
-    # dry friction acts one way, and so does what the limits of a control cut off
-    remembers = effect.states or effect.remembers  # what does need not grow in proportion
-    return (settings.step, -settings.step, *(settings.far_steps if remembers else ()))
+    if _may_saturate(effect):
+        return (settings.step, settings.far_steps[-1])
+    return (settings.step, -settings.step)  # dry friction acts one way, and so do limits of a control
+
+
+def _may_saturate(effect: Effect) -> bool:
+    """Whether what it does need not grow in proportion to its amplitude, nor begin beyond a threshold."""
+    may = effect.place in ("force", "control") and not effect.has_threshold
+    return may and bool(effect.states or effect.remembers)
+
+
+def _do_the_same(found: Sequence[tuple[Atom, list[Accelerations]]], settings: DictionarySettings) -> bool:
+    """Whether each column at the near step has one at the far step that goes its way."""
+    times = settings.far_steps[-1] / settings.step
+    pairs = [(near, far) for near in found for far in found if far[0].is_times(near[0], times)]
+    return 2 * len(pairs) == len(found) and all(
+        _cosine(a.predicted, b.predicted) > settings.same_way
+        for (_, near), (_, far) in pairs
+        for a, b in zip(near, far, strict=True)
+    )
+
+
+def _cosine(one: np.ndarray, other: np.ndarray) -> float:
+    return float((one * other).sum() / (np.linalg.norm(one) * np.linalg.norm(other)))
 
 
 def _is_reverse(columns: Sequence[Accelerations], others: Sequence[Accelerations], tolerance: float) -> bool:

@@ -56,12 +56,10 @@ class SETTINGS:
 
 
 # A step works out a from the velocity that it begins with, and q(t+h) - 2 q(t) + q(t-h) is h^2 a(t): that velocity,
-# (q(t) - q(t-h)) / h, is the one at t - h / 2. What the integrator takes implicitly has the velocity at its end.
+# (q(t) - q(t-h)) / h, is the one at t - h / 2. What the integrator takes implicitly has the velocity at its end:
+# `implicit` everything, `implicitfast` all but Coriolis and centrifugal forces.
 _INTEGRATOR = mujoco.mjtIntegrator
-_IMPLICIT = {
-    int(_INTEGRATOR.mjINT_IMPLICIT): ("qfrc_smooth",),
-    int(_INTEGRATOR.mjINT_IMPLICITFAST): ("qfrc_passive", "qfrc_actuator"),
-}
+_IMPLICIT = (_INTEGRATOR.mjINT_IMPLICIT, _INTEGRATOR.mjINT_IMPLICITFAST)
 _DISABLE = mujoco.mjtDisableBit
 # contacts are left, and joints' dry friction is worked out here
 _NO_STOPS = _DISABLE.mjDSBL_FRICTIONLOSS | _DISABLE.mjDSBL_LIMIT | _DISABLE.mjDSBL_EQUALITY
@@ -494,21 +492,33 @@ class ForceBalance:
 
     def _set(self, runner: batch.Batch, state: tuple[np.ndarray, ...], controls: np.ndarray) -> np.ndarray:
         """Work out forces as a step does: those that it sums, without dry friction, (point, nv)."""
-        model, (qpos, qvel, qacc) = self.model, state
-        half = self._half
+        qpos, qvel, qacc = state
         smooth = runner.bind("qfrc_smooth")
         runner.bind("qpos")[...] = qpos
-        if model.nu:
+        if self.model.nu:
             runner.bind("ctrl")[...] = controls
-        implicit = [runner.bind(name) for name in _IMPLICIT.get(int(model.opt.integrator), ())]
-        at_end = 0.0
-        if implicit:
-            runner.bind("qvel")[...] = qvel + half * qacc
-            runner.forward()
-            at_end = sum(implicit)
-        runner.bind("qvel")[...] = qvel - half * qacc
+        runner.bind("qvel")[...] = (
+            qvel + (self._half if self._integrator in _IMPLICIT else -self._half) * qacc
+        )
         runner.forward()
-        return smooth + at_end - (sum(implicit) if implicit else 0.0)
+        return smooth + self._coriolis_gained
+
+    @cached_property
+    def _coriolis_gained(self) -> np.ndarray | float:
+        """By how much more Coriolis and centrifugal forces are at the end of a step than at its beginning, (point, nv),
+        where they act as they are there but others as they are at the end; of the model as it is, for a change of it
+        hardly changes their difference.
+        """
+        if self._integrator != _INTEGRATOR.mjINT_IMPLICITFAST:
+            return 0.0
+        runner, found = self._runner(self._model), []
+        bias = runner.bind("qfrc_bias")
+        runner.bind("qpos")[...] = self.state[0]
+        for velocity in (self._begins, self.state[1] + self._half * self.state[2]):
+            runner.bind("qvel")[...] = velocity
+            runner.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
+            found.append(bias.copy())
+        return found[1] - found[0]
 
     def _forces(self, **changes) -> Accelerations:
         """As the model gives them with other parameters, written fields, states or controls than its own."""
@@ -598,8 +608,11 @@ class ForceBalance:
     @property
     def _half(self) -> float:
         """s, from the beginning of a step to the time of its acceleration."""
-        whole = int(self.model.opt.integrator) != mujoco.mjtIntegrator.mjINT_RK4
-        return whole * self.model.opt.timestep / 2
+        return (self._integrator != _INTEGRATOR.mjINT_RK4) * self.model.opt.timestep / 2
+
+    @property
+    def _integrator(self) -> int:
+        return int(self.model.opt.integrator)
 
     @cached_property
     def _begins(self) -> np.ndarray:
@@ -796,7 +809,10 @@ class ForceBalance:
         model = self._model
         runner = self._runner(model)
         smooth, inertia = runner.bind("qfrc_smooth"), runner.bind("M")
-        self._set(runner, self.state, self.controls)
+        runner.bind("qpos")[...], runner.bind("qvel")[...] = self.state[0], self._begins
+        if model.nu:
+            runner.bind("ctrl")[...] = self.controls
+        runner.forward()
         world = World(runner, np.arange(len(self.points)))
         world.qacc = self.null.predicted
         world.stepped = True

@@ -23,6 +23,7 @@ from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.optimize import minimize, minimize_scalar
 from scipy.sparse import csr_array
 
+from capture_cli.common.recursive_filter import recursively_filtered
 from capture_cli.errors import LogError
 from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
 
@@ -384,13 +385,11 @@ def _autocovariance(response: np.ndarray, size: int) -> np.ndarray:
 
 def _remembering(response: np.ndarray, memory: float) -> np.ndarray:
     """The response of rows (row, sample) to what makes noise of the same sd that is forgotten within `memory` samples:
-    e[k] = exp(-1 / memory) e[k - 1] + white noise. scipy.signal.lfilter gives the same, and takes 0.4 s to load.
+    e[k] = exp(-1 / memory) e[k - 1] + white noise.
     """
     kept = np.exp(-1 / memory)
-    filtered = np.sqrt(1 - kept**2) * np.ascontiguousarray(response.T[::-1])
-    for before, now in pairwise(filtered):
-        now += kept * before
-    return np.ascontiguousarray(filtered.T)[:, ::-1]
+    driven = np.sqrt(1 - kept**2) * response.T[::-1]
+    return np.ascontiguousarray(recursively_filtered((1.0,), (-kept,), driven).T)[:, ::-1]
 
 
 def _surprise(covariance: np.ndarray, residual: Sequence[np.ndarray]) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.recursive_filter import recursively_filtered
 from capture_cli.model.effects._actuator_effect import ActuatorEffect, without_target
 from capture_cli.model.effects._fade import TIME_CONSTANT
 from capture_cli.model.effects.base import Driven, Recordings
@@ -97,8 +98,6 @@ class ControlHeatFade(ActuatorEffect):
         """The square of the log's control through the lag, (simulation,): of the episodes that the steps `first` of the
         log are in, `elapsed` s after they began.
         """
-        from scipy.signal import lfilter  # loads for 0.4 s, and few commands come here
-
         episode = self._driven.episode_of(first)
         heat = np.zeros(len(first))
         pairs, which = np.unique(np.stack([episode, time_constant]), axis=1, return_inverse=True)
@@ -106,7 +105,7 @@ class ControlHeatFade(ActuatorEffect):
             own = which == number
             time, square = self._squares(int(of))
             kept = np.exp(-SETTINGS.step / lag)
-            felt = lfilter([0.0, 1 - kept], [1.0, -kept], square)
+            felt = recursively_filtered((0.0, 1 - kept), (-kept,), square)
             heat[own] = np.interp(elapsed[own], time, felt)
         return heat
 

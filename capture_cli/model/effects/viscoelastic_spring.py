@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.recursive_filter import recursively_filtered
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._followed_log import measured_stretches, since_stretches_began
 from capture_cli.model.effects._joint_force import ForceOfKernel
@@ -130,12 +131,10 @@ def followed(time: np.ndarray, path: Callable[[np.ndarray], np.ndarray], relaxat
 
     path: of times (n,). Exact for what moves steadily between steps that are even.
     """
-    from scipy.signal import lfilter  # loads for 0.4 s, and few commands come here
-
     even = np.linspace(time[0], time[-1], len(time))
     at = path(even)
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     decay = np.exp(-step / relaxation)
     taken_up = (1 - decay) * relaxation / step if step else 1.0
-    stretch = lfilter([taken_up], [1.0, -decay], np.diff(at, prepend=at[0]))
+    stretch = recursively_filtered((taken_up,), (-decay,), np.diff(at, prepend=at[0]))
     return np.interp(time, even, at - stretch)

@@ -1,0 +1,30 @@
+"""A filter with a memory does what scipy.signal.lfilter does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from capture_cli.common.recursive_filter import recursively_filtered
+
+FACTORS = st.lists(st.floats(-0.45, 0.45), min_size=1, max_size=2)  # such that nothing grows
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    zeros=FACTORS,
+    poles=FACTORS,
+    steps=st.integers(3, 200),
+    columns=st.integers(1, 3),
+    seed=st.integers(0, 99),
+)
+def test_along_each_column_it_is_the_filter_of_scipy(zeros, poles, steps, columns, seed):
+    signal = np.random.default_rng(seed).standard_normal((steps, columns))
+    expected = lfilter(zeros, [1.0, *poles], signal, axis=0)
+    assert recursively_filtered(zeros, poles, signal) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+    assert recursively_filtered(zeros, poles, signal[:, 0]) == pytest.approx(
+        expected[:, 0], rel=1e-12, abs=1e-12
+    )
