@@ -36,6 +36,7 @@ PLANTED = {
         ("hysteretic-friction", "theta", 0.03),
         ("compliance", "x", 0.3),
         ("loose-mass", "x", 0.1),
+        ("base-compliance", "x", 0.6),
         ("viscoelastic-spring", "x", 0.3),
         ("backlash", "x", 0.3),
         ("force-supply-sag", "", 0.1),
@@ -106,6 +107,18 @@ def test_columns_of_the_dictionary_are_finite_and_move_something(machine):
         for atom, columns in atoms(own.balance, placed):
             assert len(columns) == len(atom.amplitudes)
             assert np.isfinite(sizes(columns)).all() and max(sizes(columns)) > 0, placed.name
+
+
+@pytest.mark.parametrize(
+    ("name", "site", "several"), [("loose-mass", "x", False), ("control-rate-limit", "drive", True)]
+)
+def test_what_goes_the_same_way_at_every_step_is_taken_at_two(name, site, several):
+    own = made("cart_pole")
+    [placed] = [p for p in own.placed if p.name == f"{name}@{site}"]
+    [shape, *_] = {tuple(a.values) for a, _ in atoms(own.balance, placed)}
+    steps = [a.unit[0] for a, _ in atoms(own.balance, placed) if tuple(a.values) == shape]
+    assert (len(steps) > 2) is several
+    assert max(np.abs(steps)) > 10 * min(np.abs(steps))
 
 
 # -- what the effect of a log does is what the log misses

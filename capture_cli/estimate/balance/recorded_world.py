@@ -20,6 +20,8 @@ class RecordedWorld:
     record: the values (point, ...) of a field. What a force changes at a step is as it was at the next.
     """
 
+    recorded = True
+
     def __init__(self, model: mujoco.MjModel, record: Callable[[str], np.ndarray], index: np.ndarray):
         self._model, self._record, self._index, self._step = model, record, np.ascontiguousarray(index.T), 0
         self.rows = np.arange(len(index))

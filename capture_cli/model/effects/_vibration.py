@@ -12,6 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, interp1d
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.recursive_filter import recursively_filtered
 from capture_cli.model.effects._followed_log import since_stretches_began
 from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects.base import Effect, SeenLog, spread
@@ -94,8 +95,8 @@ class VibrationEffect(Effect):
 
     def shape_grid(self, count=5):
         # resonances are narrow, and how narrow shows once the frequency is right
-        grid = np.repeat(self.space.nominal[None], 2 * count, axis=0)
-        grid[:, 1] = spread(self.parameters[1], 2 * count)
+        grid = np.repeat(self.space.nominal[None], 4 * count, axis=0)
+        grid[:, 1] = spread(self.parameters[1], 4 * count)
         return grid
 
     def doubt(self, values, duration):
@@ -259,8 +260,6 @@ def swings_after(
     turning: w, rad/s. begun (part,): x' at first, per s. Exact where x moves steadily between steps, which are even:
     x' then jumps at each, and d' by as much the other way, and the rest is free vibration.
     """
-    from scipy.signal import lfilter  # loads for 0.4 s, and few commands come here
-
     step = float(time[1] - time[0])
     speed = np.diff(path, axis=0) / step
     speed = np.concatenate([speed, speed[-1:]])
@@ -268,7 +267,7 @@ def swings_after(
     slowing = damping_ratio * turning
     swung = np.sqrt(turning**2 - slowing**2)
     left, angle = np.exp(-slowing * step), swung * step
-    poles = [1.0, -2 * left * np.cos(angle), left**2]
-    displaced = lfilter([0.0, left * np.sin(angle) / swung], poles, jumps, axis=0)
-    moving = lfilter([1.0, -left * (np.cos(angle) + slowing / swung * np.sin(angle))], poles, jumps, axis=0)
-    return path + displaced, speed + moving
+    poles = -2 * left * np.cos(angle), left**2
+    later = -left * (np.cos(angle) + slowing / swung * np.sin(angle))
+    displaced = recursively_filtered((0.0, left * np.sin(angle) / swung), poles, jumps)
+    return path + displaced, speed + recursively_filtered((1.0, later), poles, jumps)
