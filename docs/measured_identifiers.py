@@ -122,7 +122,7 @@ def _measured(task: str, *, in_world: bool = False) -> list[Measured]:
 
 
 def _section(trainings: list[Measured], table: Callable[..., str]) -> str:
-    made = [trainings[0].about(len(trainings)), table(*trainings), *map(pairs, trainings)]
+    made = [trainings[0].about(len(trainings)), table(*trainings), pairs(*trainings)]
     return "\n\n".join(text for text in made if text)
 
 
@@ -215,9 +215,13 @@ def _of_paper(m: Measured, e: Mapping[str, Any], number: int) -> str:
     return f" ({_two(theirs[number][0] / yardstick[number][0])})" if theirs and number in theirs else NONE
 
 
-def successes(m: Measured) -> str:
-    """Success, by rounds."""
-    rows = [[label, *(f"{e['success'][n]:.2f}" for n in m.rounds)] for label, e in m.rows.items()]
+def successes(*trainings: Measured) -> str:
+    """Success, by rounds. Of several trainings their means."""
+    m = trainings[0]
+    rows = []
+    for label in m.rows:
+        shares = [t.rows[label]["success"] for t in trainings]
+        rows.append([label, *(_hundredth([share[n] for share in shares]) for n in m.rounds)])
     return _table(["success", *map(str, m.rounds)], rows)
 
 
@@ -297,17 +301,18 @@ def _said(rounds: tuple[int, ...]) -> str:
     return ", ".join(map(str, rounds))
 
 
-def pairs(m: Measured) -> str:
-    """`capture-refined` against each other one, pair by pair, with the sign test, in words."""
-    others = {label: e["paired"] for label, e in m.rows.items() if e.get("paired")}
+def pairs(*trainings: Measured) -> str:
+    """`capture-refined` against each other one, pair by pair, with the sign test, in words; by training."""
+    m = trainings[0]
     n = max(n for n in m.rounds if n <= AT)
-    # where it is beyond doubt the tables above say enough
-    compared = {label: c for label, c in others.items() if c["p"][n] >= DOUBTFUL}
-    said = [
-        f"than {label} {c['nearer'][n]}/{c['as_near'][n]}/{c['further'][n]} (p {c['p'][n]:.2g})"
-        for label, c in compared.items()
-    ]
-    return f"At {n} `{OURS}` is nearer/as near/further {', '.join(said)}." if said else ""
+    said = []
+    for label in (label for label, e in m.rows.items() if e.get("paired")):
+        of = [t.rows[label]["paired"] for t in trainings]
+        # where it is beyond doubt the tables above say enough
+        if any(c["p"][n] >= DOUBTFUL for c in of):
+            counts = (f"{c['nearer'][n]}/{c['as_near'][n]}/{c['further'][n]} (p {c['p'][n]:.2g})" for c in of)
+            said.append(f"than {label} {', '.join(counts)}")
+    return f"At {n} `{OURS}` is nearer/as near/further {'; '.join(said)}." if said else ""
 
 
 # --- the closed loop, of docs/worlds.md ---
@@ -431,6 +436,12 @@ def _spread(values: list[float]) -> str:
     """The mean, of several ± their standard deviation."""
     about = f" ± {_two(float(f'{np.std(values, ddof=1):.1g}'))}" if len(values) > 1 else ""
     return f"{_two(np.mean(values))}{about}"
+
+
+def _hundredth(shares: list[float]) -> str:
+    """The mean share to the hundredth, of several ± their standard deviation."""
+    about = f" ± {np.std(shares, ddof=1):.2f}" if len(shares) > 1 else ""
+    return f"{np.mean(shares):.2f}{about}"
 
 
 def _either(values: list[int]) -> str:
