@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The commands behind docs/dev/evaluation.md: runs/evaluation, made again. Run those that you need.
-# runs/sysid/air-hockey/capture, equal/N (but expert-distillation and tunenet), ablations, noisy and distance were trained on an H100 or H200 (--device cuda): others give other bytes.
+# runs/sysid/air-hockey/capture, equal/N/air-hockey (but expert-distillation and tunenet), ablations, noisy and distance were trained on an H100 or H200 (--device cuda): others give other bytes.
 set -eu
 
 # Air hockey: the main table, then the paper's network, noise and fits on the same pairs.
@@ -17,32 +17,34 @@ capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier least-squares --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 5 --out runs/evaluation/air-hockey-fits
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier compass --identifier runs/sysid/air-hockey/capture-refined --identifier cma-es --pairs 12 --seeds 1 --rounds 5 --out runs/evaluation/air-hockey-budget
 
-# Equal data: everything that learns has the same 1,000 histories; on air hockey three times, with histories of its own.
-equal() { # N NAME:DROPOUT; of dropouts of 0 and 0.1 each has the one that lost less held out (validation_loss of identifier.json); capture, 0.1
-  capture gen-histories --task air-hockey --policy runs/policies/air-hockey --pairs 1000 --seed $1 --out equal/air-hockey-$1.zarr
-  for identifier in "${@:2}"; do
-    capture train-sysid --histories equal/air-hockey-$1.zarr --identifier "${identifier%:*}" --dropout "${identifier#*:}" --width 64 --batch 64 --steps 3000 --patience 50 --precision float32 --seed $(($1 - 1)) --out "equal/$1/air-hockey/${identifier%:*}"
+# Equal data: everything that learns has the same 1,000 histories, three times, with histories of its own.
+equal() { # TASK N NAME:DROPOUT; of dropouts of 0 and 0.1 each has the one that lost less held out (validation_loss of identifier.json; of scooping, in training 1); capture, 0.1
+  case $1 in
+    air-hockey) size="--width 64" ;;
+    scooping) size="--width 32 --layers 2 --heads 2" ;;
+  esac
+  capture gen-histories --task $1 --policy runs/policies/$1 --pairs 1000 --seed $2 --out equal/$1-$2.zarr
+  for identifier in "${@:3}"; do
+    capture train-sysid --histories equal/$1-$2.zarr --identifier "${identifier%:*}" --dropout "${identifier#*:}" $size --batch 64 --steps 3000 --patience 50 --precision float32 --seed $(($2 - 1)) --out "equal/$2/$1/${identifier%:*}"
   done
 }
-equal 1 expert-distillation:0.1 expert-distillation-all-rounds:0 tunenet:0.1 tunenet-all-rounds:0.1 capture-trajectory:0.1 capture-refined:0 capture:0.1
-equal 2 expert-distillation:0.1 expert-distillation-all-rounds:0 tunenet:0.1 tunenet-all-rounds:0 capture-trajectory:0.1 capture-refined:0
-equal 3 expert-distillation:0.1 expert-distillation-all-rounds:0.1 tunenet:0.1 tunenet-all-rounds:0 capture-trajectory:0.1 capture-refined:0
-capture gen-histories --task scooping --policy runs/policies/scooping --pairs 1000 --seed 1 --out equal/scooping.zarr
-for identifier in capture:1000 capture-trajectory:1000 capture-refined:800 expert-distillation:1000 expert-distillation-all-rounds:1000 tunenet:1000 tunenet-all-rounds:1000; do
-  capture train-sysid --histories equal/scooping.zarr --identifier "${identifier%:*}" --width 32 --layers 2 --heads 2 --batch 64 --steps "${identifier#*:}" --out "equal/scooping/${identifier%:*}"
-done
-rows() { # FOLDER NAMES
+equal air-hockey 1 expert-distillation:0.1 expert-distillation-all-rounds:0 tunenet:0.1 tunenet-all-rounds:0.1 capture-trajectory:0.1 capture-refined:0 capture:0.1
+equal air-hockey 2 expert-distillation:0.1 expert-distillation-all-rounds:0 tunenet:0.1 tunenet-all-rounds:0 capture-trajectory:0.1 capture-refined:0
+equal air-hockey 3 expert-distillation:0.1 expert-distillation-all-rounds:0.1 tunenet:0.1 tunenet-all-rounds:0 capture-trajectory:0.1 capture-refined:0
+equal scooping 1 expert-distillation:0 expert-distillation-all-rounds:0 tunenet:0 tunenet-all-rounds:0.1 capture-trajectory:0 capture-refined:0
+equal scooping 2 expert-distillation:0 expert-distillation-all-rounds:0 tunenet:0 tunenet-all-rounds:0.1 capture-trajectory:0 capture-refined:0
+equal scooping 3 expert-distillation:0 expert-distillation-all-rounds:0 tunenet:0 tunenet-all-rounds:0.1 capture-trajectory:0 capture-refined:0
+rows() { # FOLDER
   echo --identifier domain-randomization
-  for identifier in expert-distillation expert-distillation-all-rounds tunenet tunenet-all-rounds "${@:2}"; do
+  for identifier in expert-distillation expert-distillation-all-rounds tunenet tunenet-all-rounds capture-trajectory; do
     echo --identifier "equal/$1/$identifier"
   done
   echo --identifier "posterior=equal/$1/capture-refined" --identifier "equal/$1/capture-refined"
 }
-for n in 1 2 3; do
-  capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey $(rows $n/air-hockey capture-trajectory) --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal/$n
-done
+for task in air-hockey scooping; do for n in 1 2 3; do
+  capture eval-sim2sim --task $task --policy runs/policies/$task $(rows $n/$task) --seeds 1 --rounds 10 --out runs/evaluation/$task-equal/$n
+done; done
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier equal/1/air-hockey/capture --identifier equal/1/air-hockey/capture-trajectory --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal-paper
-capture eval-sim2sim --task scooping --policy runs/policies/scooping $(rows scooping capture capture-trajectory) --seeds 1 --rounds 10 --out runs/evaluation/scooping-equal
 
 # L and k: three trainings, each from histories of its own; their checkpoints are not shipped.
 train_ablation() { # L NAME OPTIONS

@@ -216,10 +216,10 @@ def _of_paper(m: Measured, e: Mapping[str, Any], number: int) -> str:
 
 
 def successes(*trainings: Measured) -> str:
-    """Success, by rounds. Of several trainings their means."""
+    """Success of all but domain randomisation, by rounds. Of several trainings their means."""
     m = trainings[0]
     rows = []
-    for label in m.rows:
+    for label in (label for label in m.rows if label != YARDSTICK):
         shares = [t.rows[label]["success"] for t in trainings]
         rows.append([label, *(_hundredth([share[n] for share in shares]) for n in m.rounds)])
     return _table(["success", *map(str, m.rounds)], rows)
@@ -302,17 +302,22 @@ def _said(rounds: tuple[int, ...]) -> str:
 
 
 def pairs(*trainings: Measured) -> str:
-    """`capture-refined` against each other one, pair by pair, with the sign test, in words; by training."""
+    """`capture-refined` against each other one, pair by pair, with the sign test, in words: of several trainings in
+    that which is least in its favour.
+    """
     m = trainings[0]
     n = max(n for n in m.rounds if n <= AT)
     said = []
     for label in (label for label, e in m.rows.items() if e.get("paired")):
         of = [t.rows[label]["paired"] for t in trainings]
+        c = min(of, key=lambda c: c["nearer"][n] - c["further"][n])
         # where it is beyond doubt the tables above say enough
-        if any(c["p"][n] >= DOUBTFUL for c in of):
-            counts = (f"{c['nearer'][n]}/{c['as_near'][n]}/{c['further'][n]} (p {c['p'][n]:.2g})" for c in of)
-            said.append(f"than {label} {', '.join(counts)}")
-    return f"At {n} `{OURS}` is nearer/as near/further {'; '.join(said)}." if said else ""
+        if c["p"][n] >= DOUBTFUL:
+            said.append(
+                f"than {label} {c['nearer'][n]}/{c['as_near'][n]}/{c['further'][n]} (p {c['p'][n]:.2g})"
+            )
+    least = ", in the training least in its favour," if len(trainings) > 1 else ""
+    return f"At {n}{least} `{OURS}` is nearer/as near/further {', '.join(said)}." if said else ""
 
 
 # --- the closed loop, of docs/worlds.md ---
@@ -440,7 +445,7 @@ def _spread(values: list[float]) -> str:
 
 def _hundredth(shares: list[float]) -> str:
     """The mean share to the hundredth, of several ± their standard deviation."""
-    about = f" ± {np.std(shares, ddof=1):.2f}" if len(shares) > 1 else ""
+    about = f" ± {_two(round(np.std(shares, ddof=1), 2))}" if len(shares) > 1 else ""
     return f"{np.mean(shares):.2f}{about}"
 
 

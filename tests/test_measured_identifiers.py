@@ -66,21 +66,24 @@ def test_trainings_of_all_that_is_compared_are_one_table(monkeypatch, measured):
     assert "`paper`: 10 pairs" in text and other == "| x | 0.5 | 0.50 | 2 | 0.5 |"
 
 
-def test_of_several_trainings_successes_are_means_and_pairs_go_by_training(measured):
-    def of(success: float, p: float) -> Measured:
-        paired = {"nearer": [0, 5], "as_near": [0, 1], "further": [0, 4], "p": [1.0, p]}
+def test_of_several_trainings_successes_are_means_and_pairs_are_of_the_least_favourable(measured):
+    def of(success: float, nearer: int, p: float) -> Measured:
+        paired = {"nearer": [0, nearer], "as_near": [0, 1], "further": [0, 9 - nearer], "p": [1.0, p]}
         rows = {
             "y": {**entry([0.3, 0.2], [0, 1], paired), "success": [0.0, success]},
             "z": {**entry([0.3, 0.2], [0, 1], {**paired, "p": [1.0, 0.0]}), "success": [0.0, 1.0]},
         }
+        rows["domain-randomization"] = {**entry([0.3, 0.3], [0, 1]), "success": [0.0, 0.0]}
         return Measured("equal/1", {**measured.document, "rounds": 1, "identifiers": rows}, {})
 
-    trainings = [of(0.5, 0.75), of(0.6, 1e-5)]
+    trainings = [of(0.5, 9, 1e-5), of(0.6, 5, 0.75)]
     *_, y, z = measured_identifiers.successes(*trainings).splitlines()
-    assert y == "| y | 0.55 ± 0.07 |" and z == "| z | 1.00 ± 0.00 |"
+    assert y == "| y | 0.55 ± 0.07 |" and z == "| z | 1.00 ± 0 |"
     assert measured_identifiers.successes(trainings[0]).splitlines()[2] == "| y | 0.50 |"
     said = measured_identifiers.pairs(*trainings)
-    assert said.endswith("further than y 5/1/4 (p 0.75), 5/1/4 (p 1e-05).")
+    assert said.startswith("At 1, in the training least in its favour, `capture-refined` is nearer")
+    assert said.endswith("further than y 5/1/4 (p 0.75).")
+    assert measured_identifiers.pairs(trainings[0]) == ""
 
 
 def test_trainings_of_an_ablation_are_one_row_with_their_spread(measured):
