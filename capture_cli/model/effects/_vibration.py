@@ -95,8 +95,8 @@ class VibrationEffect(Effect):
 
     def shape_grid(self, count=5):
         # resonances are narrow, and how narrow shows once the frequency is right
-        grid = np.repeat(self.space.nominal[None], 4 * count, axis=0)
-        grid[:, 1] = spread(self.parameters[1], 4 * count)
+        grid = np.repeat(self.space.nominal[None], 2 * count, axis=0)
+        grid[:, 1] = spread(self.parameters[1], 2 * count)
         return grid
 
     def doubt(self, values, duration):
