@@ -64,7 +64,7 @@ def planted(
     return prepare(log, load_task(str(task))), values
 
 
-@pytest.mark.parametrize(("name", "text"), [("compliance", "compliance=0.002"), ("backlash", "width=0.01")])
+@pytest.mark.parametrize(("name", "text"), [("compliance", "compliance=0.002"), ("backlash", "width=0.02")])
 def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path, name, text, monkeypatch):
     prepared, truth = planted(tmp_path, f"{name}@x.{text}")
     effect = REGISTRY.get(name)(prepared.task.model, "x")
