@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
 
 
 def recursively_filtered(zeros: Sequence[float], poles: Sequence[float], signal: np.ndarray) -> np.ndarray:
@@ -14,6 +13,8 @@ def recursively_filtered(zeros: Sequence[float], poles: Sequence[float], signal:
 
     As scipy.signal.lfilter along the first axis, by a banded system; scipy.signal takes 0.4 s to load.
     """
+    from scipy.linalg.lapack import dtbtrs  # loads for 0.14 s, and most effects that may filter do not
+
     x = signal.reshape(len(signal), -1)
     driven = np.zeros(x.shape)
     for late, factor in enumerate(zeros):

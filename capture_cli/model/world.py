@@ -16,8 +16,7 @@ class World:
     rows: which simulations of the whole call these are, to pick per-simulation coefficients with.
     Any MjData field can be read as an attribute; fields that are not state lag by one step, as in mj_step, except at
     the first step. There the acceleration, qacc, is that under the forces that were added before it is first read.
-    stepped: whether that step is done. recorded: whether the motion was known before, whatever is added; qacc is then
-    that of the step itself, without what is added.
+    stepped: whether that step is done. recorded: whether the motion is known, and does not answer to what is added.
     """
 
     recorded = False

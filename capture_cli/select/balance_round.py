@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from capture_cli.common.similarity import similarity
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit, least
 from capture_cli.estimate.model_fits import Effort
@@ -28,7 +29,6 @@ from capture_cli.select.rejection import (
     out_of_range,
     slight,
 )
-from capture_cli.select.score import similarity
 
 
 class BalanceRound:

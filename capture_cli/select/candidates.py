@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.similarity import similarity
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.initial_states.local_motion import Neighbours, local_motion
 from capture_cli.estimate.log_windows import clock
@@ -26,7 +27,7 @@ from capture_cli.select.criterion import Support
 from capture_cli.select.log_parts import select_folds
 from capture_cli.select.narrow_peaks import NarrowPeaks
 from capture_cli.select.score import SETTINGS as SCORE
-from capture_cli.select.score import Score, score, similarity
+from capture_cli.select.score import Score, score
 
 
 @frozen

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.similarity import similarity
 from capture_cli.estimate.fit import Fit, least, thinned
 from capture_cli.estimate.model_fits import Effort
 from capture_cli.estimate.part_fit import PartFit
@@ -23,7 +24,6 @@ from capture_cli.select.rejection import (
     out_of_range,
     slight,
 )
-from capture_cli.select.score import similarity
 from capture_cli.select.score_checkpoint import kept_scores
 
 

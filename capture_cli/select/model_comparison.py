@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.similarity import similarity
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.fit import Fit, least
@@ -23,7 +24,6 @@ from capture_cli.select.candidates import Candidate
 from capture_cli.select.criterion import SETTINGS as CRITERION
 from capture_cli.select.criterion import Support, bic_gain, paired_p_value, ratio_p_value
 from capture_cli.select.log_parts import Folds
-from capture_cli.select.score import similarity
 
 BETTER, TIED = "better", "tied with {mine}: this log cannot tell them apart"
 WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from capture_cli.common.similarity import similarity
 from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
 from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.base import Effect
@@ -251,14 +252,10 @@ def _do_the_same(found: Sequence[tuple[Atom, list[Accelerations]]], settings: Di
     times = settings.far_steps[-1] / settings.step
     pairs = [(near, far) for near in found for far in found if far[0].is_times(near[0], times)]
     return 2 * len(pairs) == len(found) and all(
-        _cosine(a.predicted, b.predicted) > settings.same_way
+        similarity(a.predicted.ravel(), b.predicted.ravel()) > settings.same_way
         for (_, near), (_, far) in pairs
         for a, b in zip(near, far, strict=True)
     )
-
-
-def _cosine(one: np.ndarray, other: np.ndarray) -> float:
-    return float((one * other).sum() / (np.linalg.norm(one) * np.linalg.norm(other)))
 
 
 def _is_reverse(columns: Sequence[Accelerations], others: Sequence[Accelerations], tolerance: float) -> bool:

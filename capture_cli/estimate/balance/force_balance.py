@@ -494,14 +494,16 @@ class ForceBalance:
         """Work out forces as a step does: those that it sums, without dry friction, (point, nv)."""
         qpos, qvel, qacc = state
         smooth = runner.bind("qfrc_smooth")
-        runner.bind("qpos")[...] = qpos
+        later = self._half if self._integrator in _IMPLICIT else -self._half
+        self._forward(runner, qpos, qvel + later * qacc, controls)
+        return smooth + self._coriolis_gained
+
+    def _forward(self, runner: batch.Batch, qpos: np.ndarray, qvel: np.ndarray, controls: np.ndarray) -> None:
+        """Fill the fields of MjData at these states (point, ...) and controls (point, nu)."""
+        runner.bind("qpos")[...], runner.bind("qvel")[...] = qpos, qvel
         if self.model.nu:
             runner.bind("ctrl")[...] = controls
-        runner.bind("qvel")[...] = (
-            qvel + (self._half if self._integrator in _IMPLICIT else -self._half) * qacc
-        )
         runner.forward()
-        return smooth + self._coriolis_gained
 
     @cached_property
     def _coriolis_gained(self) -> np.ndarray | float:
@@ -809,10 +811,7 @@ class ForceBalance:
         model = self._model
         runner = self._runner(model)
         smooth, inertia = runner.bind("qfrc_smooth"), runner.bind("M")
-        runner.bind("qpos")[...], runner.bind("qvel")[...] = self.state[0], self._begins
-        if model.nu:
-            runner.bind("ctrl")[...] = self.controls
-        runner.forward()
+        self._forward(runner, self.state[0], self._begins, self.controls)
         world = World(runner, np.arange(len(self.points)))
         world.qacc = self.null.predicted
         world.stepped = True

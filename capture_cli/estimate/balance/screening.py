@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from capture_cli.common.similarity import similarity
 from capture_cli.estimate.balance.dictionary import SETTINGS as DICTIONARY
 from capture_cli.estimate.balance.dictionary import Atom, Mixture, atoms
 from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
@@ -266,8 +267,7 @@ class Screening:
         return groups
 
     def _are_alike(self, one: Addition, other: Addition) -> bool:
-        sizes = np.linalg.norm(one.response) * np.linalg.norm(other.response)
-        return abs(one.response @ other.response) > self.settings.alike * sizes
+        return abs(similarity(one.response, other.response)) > self.settings.alike
 
     def best(self) -> BalancedModel:
         """The declared model, or that with the one effect that predicts most."""

@@ -26,8 +26,8 @@ class SprungBase(Vibration):
 
     What holds the masses back is x'' times their momenta per speed, J; it takes g x'' of b, g = J' (mass matrix)^-1 J
     / M. So x'' = -(u (b + g x'') + p) / (R - u g), where b + g x'', what b were on a base that stays, is not known
-    before the step: it is taken to go on as in the two before. The base moves by the b that came of it. Along a motion
-    that is recorded b + g x'' is known: what x'' was does not act on that, and taken to go on it would run away.
+    before the step: it is taken to go on as in the two before. The base moves by the b that came of it. A motion that
+    is recorded does not answer to x'': along it g is 0, or x'' would run away.
     """
 
     def __init__(self, *, mobility, timestep, **rest):
@@ -36,21 +36,20 @@ class SprungBase(Vibration):
         self.before = self.staying = None  # momentum, kg m/s, and b + g x'', m/s^2, of the step before
         self.accelerates = 0.0  # x'', m/s^2
 
-    def __call__(self, momentum, force, mass, gives, recorded=False):
-        """x''. momentum: of what moves, seen from the base; force: its rate on a base that stays, at the first step and
-        along what is `recorded`; gives: g, of the step before.
+    def __call__(self, momentum, force, mass, gives):
+        """x''. momentum: of what moves, seen from the base; force: its rate, which counts at the first step alone;
+        gives: g, of the step before.
         """
-        feels = 0.0 if recorded else gives
         if self.before is None:
             goes_on = force / mass
         else:
             mean = (momentum - self.before) / (self.timestep * mass)
             self.move(self.mobility * mean)
-            stayed = mean + feels * self.accelerates
+            stayed = mean + gives * self.accelerates
             goes_on = stayed if self.staying is None else 2 * stayed - self.staying
             self.staying = stayed
         self.before = np.array(momentum)
-        resists = self.resists - self.mobility * feels
+        resists = self.resists - self.mobility * gives
         self.accelerates = -(self.mobility * goes_on + self.pulled()) / resists
         return self.accelerates
 
@@ -182,8 +181,10 @@ class ForceOfUnseenBase(ForceShakenBefore):
         per_speed = momentum_along(effect.model, effect.axis, world.cdof, world.subtree_com, subtrees)
         momentum, force = (per_speed * world.qvel).sum(axis=1), (per_speed * world.qacc).sum(axis=1)
         mass = masses[:, effect.moving].sum(axis=1)
-        gives = gives_way(effect.model, world.qLD, world.qLDiagInv, dict(enumerate(per_speed.T)))
-        accelerates = base(momentum, force, mass, gives / mass, world.recorded)
+        gives = 0.0
+        if not world.recorded:
+            gives = gives_way(effect.model, world.qLD, world.qLDiagInv, dict(enumerate(per_speed.T)))
+        accelerates = base(momentum, force, mass, gives / mass)
         world.qfrc_applied[:] -= per_speed * accelerates[:, None]
 
 
