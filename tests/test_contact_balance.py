@@ -114,13 +114,18 @@ def test_effects_of_impacts_are_left_to_simulations(puck):
     assert puck.screening(few).covered == {"contact-friction@table"}
 
 
-def test_a_log_that_is_mostly_impacts_has_no_balance(puck):
-    log = puck.prepared.log.arrays
-    at_wall = replace(
-        log, outputs=np.where(np.arange(2)[None] == 0, np.maximum(log.outputs, 1.0), log.outputs)
-    )
-    with pytest.raises(LogError, match="impacts"):
-        SmoothedLog.of(at_wall, puck.experiment.task)
+def test_a_log_that_is_mostly_impacts_is_smoothed_between_them_and_one_of_impacts_alone_is_not(puck):
+    log, task, free = puck.prepared.log.arrays, puck.experiment.task, puck.prepared.log.arrays.episodes[:2]
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(log.outputs.shape)
+    at_wall = np.array([WALL_AT, 0.0]) + noise
+    between = at_wall.copy()
+    for episode in free:
+        between[episode] = log.outputs[episode]
+    smoothed = SmoothedLog.of(replace(log, outputs=between), task)
+    assert smoothed.hits and smoothed.parts
+    assert all(any(e.start <= p.start and p.stop <= e.stop for e in free) for p in smoothed.parts)
+    with pytest.raises(LogError, match="between impacts"):
+        SmoothedLog.of(replace(log, outputs=at_wall), task)
 
 
 def test_what_acts_on_a_joint_that_no_sensor_shows_is_none_of_the_balance(puck):

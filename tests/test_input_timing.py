@@ -90,8 +90,9 @@ def test_where_two_effects_are_missing_it_is_told_with_both_in():
     task, log, _ = Case("pair", "arm", pair, 3.0, 275583650).build()
     prepared = prepare(log, task, **QUIET)
     few = [c for c in all_candidates(prepared) if c.name in pair]
-    unread, as_read = replace(prepared, task=task), partial(prepare, log, **QUIET)
-    found, _ = timings_with_effects(unread, few, as_read, 1)
+    unread, as_read, told = replace(prepared, task=task), partial(prepare, log, **QUIET), []
+    found, _ = timings_with_effects(unread, few, as_read, 1, on_step=lambda *step: told.append(step))
+    assert told == [("balance", 0, 2), ("balance", 1, 2), ("reading", 0, 2), ("reading", 1, 2)]
     assert [t.hold for t in found] == [HELD, HELD]
     assert all(t.gain > 3 * t.error for t in found)
 

@@ -24,7 +24,7 @@ def screening_of(
     on_step: Callable[[str, int, int], None],
 ) -> Screening | None:
     """A screening of the candidates on the windows `fitted` (window,); None where the log gives no balance: a joint
-    that no sensor shows moves, loops are closed, actuators have states, or little is left between impacts.
+    that no sensor shows moves, loops are closed, actuators have states, or it is too short between impacts.
     """
     smoothed = smoothed_log(prepared, fitted)
     if smoothed is None:

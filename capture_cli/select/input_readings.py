@@ -94,6 +94,7 @@ def timings_with_effects(
     prepared_as: PreparedAs,
     threads: int | None,
     on_work: Callable[[], None] = lambda: None,
+    on_step: Callable[[str, int, int], None] = lambda *_: None,
 ) -> tuple[tuple[InputTiming, ...], Screening | None]:
     """How the inputs act of which the task does not say it, all alike: by the force balance where that is sure, and by
     simulations otherwise; with the screening of the candidates in that reading. None where the log gives no balance.
@@ -102,14 +103,22 @@ def timings_with_effects(
 
     prepared: with the task as it was given, and what the declared model alone says of its inputs; where that explains
     the log with one reading, one effect with the other has to be surely better. prepared_as: makes the log ready for
-    another task. on_work is called before what takes long, which it may end by raising.
+    another task. on_work is called before what takes long, which it may end by raising; on_step is told what is being
+    tried, the number of it, and of how many.
     """
     log = replace(prepared, task=_read(prepared.task, HELD))
-    screening = screening_of(log, LogParts.of(log).folds.balance, candidates, threads, lambda *_: on_work())
+
+    def step(what: str, number: int, total: int) -> None:
+        on_work()
+        on_step(what, number, total)
+
+    screening = screening_of(log, LogParts.of(log).folds.balance, candidates, threads, step)
     if screening is None:
         return (), None
     screening.on_work = on_work
+    step("reading", 0, 2)
     held = Reading(prepared.task, HELD, screening, screening.best())
+    step("reading", 1, 2)
     changing = held.with_best(EVENLY)
     if not held.is_surely_better_than(changing):
         other = changing.likelier()

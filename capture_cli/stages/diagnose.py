@@ -74,7 +74,7 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
         )
         with Progress("diagnose", "model", quiet=options.quiet) as progress:
             progress.doing("making the log ready")
-            prepared = _prepared(to_fit, held_out, limit)
+            prepared = _prepared(to_fit, held_out, limit, progress)
             diagnosis = diagnose_prepared(prepared, nominal, settings, progress)
         diagnosis.write(folder)
         _write_pages(diagnosis, folder, provenance)
@@ -82,7 +82,9 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
     return diagnosis
 
 
-def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit) -> PreparedLog:
+def _prepared(
+    to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit, progress: Progress
+) -> PreparedLog:
     """The log made ready; where something is missing, how inputs act is told by the best effect with each reading.
 
     What the declared model alone says of them, of all alike, is asked again with an effect in where it leaves more than
@@ -95,8 +97,9 @@ def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, limit: TimeLimit)
         return prepared
     unread, candidates = replace(prepared, task=task), all_candidates(prepared)
     again, threads = partial(to_fit.prepared, held_out), to_fit.options.threads
+    progress.of("how the inputs act", "making the log ready")
     found = limit.made(
-        lambda: timings_with_effects(unread, candidates, again, threads, limit.check),
+        lambda: timings_with_effects(unread, candidates, again, threads, limit.check, progress.part),
         "how the inputs act between rows: they are taken to be held",
         keeping=0.0,
     )
@@ -129,7 +132,7 @@ def diagnose_prepared(
         )
         progress.part(what, number, total, so_far)
 
-    progress.doing("fitting the declared model")
+    progress.of("", "fitting the declared model")
     try:
         return diagnosis_of(explain(prepared, nominal, settings, tell), settings.threads)
     except KeyboardInterrupt:

@@ -28,13 +28,12 @@ SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 class SETTINGS:
     """finest: points in the shortest time in which the smoothed motion turns, pi over its cut-off frequency.
     most_points: of all stretches. fewest_turns: in a mean stretch: of what moves like a parabola a few accelerations
-    are wanted, too. least_left: of the steps, between impacts: of less the balance would judge what it has not seen.
+    are wanted, too.
     """
 
     finest: float = 3.0
     most_points: int = 12_000
     fewest_turns: float = 12.0
-    least_left: float = 0.5
     normal_median: float = 0.6745  # of the size of what is normally distributed, in standard deviations
     third_difference: float = 20.0  # variance of that of white noise, over the noise's
     tiny: float = 1e-12  # m or rad: the noise of a coordinate that is measured without any
@@ -68,7 +67,7 @@ class SmoothedLog:
     def of(cls, log: Log, task: Task, within: np.ndarray | None = None) -> SmoothedLog:
         """The steps `within` (step,) of the log; all of them where None. Left out are those at which measured
         coordinates hit something, or what no sensor shows moves. Raises LogError where no stretch is left that is long
-        enough to be smoothed, or impacts leave little.
+        enough to be smoothed.
         """
         sources = _sources(task)
         within = np.ones(len(log.time), dtype=bool) if within is None else within
@@ -79,12 +78,6 @@ class SmoothedLog:
         rest = smoothed._rest(outputs)
         if not rest.rests[within].all():
             smoothed = cls._smoothed(log, task, within & rest.rests, sources)
-        left = sum(p.stop - p.start for p in smoothed.parts) / (within.sum() + hits.sum())
-        if hits.any() and left < SETTINGS.least_left:
-            raise LogError(
-                f"between impacts only {left:.0%} of the log is left",
-                cure="record motion without impacts, too",
-            )
         return replace(smoothed, resting=rest, hits=bool(hits.any()))
 
     @classmethod

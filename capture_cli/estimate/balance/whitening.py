@@ -161,10 +161,11 @@ class Whitening:
 
     def adapt(self, residual: Sequence[np.ndarray], slow_noise: np.ndarray) -> None:
         """Set `model_error` to what makes `residual` (row, nv) of each stretch most likely, with `slow_noise` (memory,
-        nv) as it was found, or none.
+        nv) as it was found, or none. A coordinate without segments is left as it is.
         """
         for i, own in enumerate(self._by_length(residual)):
-            self.model_error[i], self.slow_noise[:, i] = self._most_likely(i, own, slow_noise[:, i])
+            if own:
+                self.model_error[i], self.slow_noise[:, i] = self._most_likely(i, own, slow_noise[:, i])
         self._factorise()
 
     @property
