@@ -23,9 +23,8 @@ class BeamSettings:
     to each, of_a_branch: of those that do the same there. pairs: of two effects, that are asked whether either is good
     alone or not. of_a_kind: of a group of alike effects, and fitted: of larger models, that may be fitted. united:
     single effects that hold in simulations, which are put beside the best model there. sure: standard errors over
-    blocks by which a larger model has to predict better than all smaller ones, and least: of log likelihood; one that
-    is as good as the best may be so far behind it, or `near` of what that gains over smaller ones. worth: standard
-    errors by which a single effect has to predict better than none, to be fitted by simulation.
+    blocks by which a model has to predict better than all smaller ones, to be fitted by simulation, and least: of log
+    likelihood; one that is as good as the best may be so far behind it, or `near` of what that gains over smaller ones.
     """
 
     width: int = 4
@@ -37,7 +36,6 @@ class BeamSettings:
     united: int = 3
     sure: float = 2.0
     least: float = 3.0
-    worth: float = 1.0
     near: float = 0.2
 
 
@@ -99,7 +97,7 @@ def grown(
         return
     best = polished[0]
     models = _best([a.model for a in _of_each_kind(groups, settings.of_a_kind)])
-    if best.gain > max(settings.least, settings.worth * best.error):
+    if best.gain > max(settings.least, settings.sure * best.error):
         yield Level.of(models, best.gain, settings)
     else:
         yield Level([], models)

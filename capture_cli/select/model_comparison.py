@@ -9,6 +9,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.common.similarity import similarity
+from capture_cli.errors import LogError
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.fit import Fit, least
@@ -88,7 +89,7 @@ class ModelComparison:
         self.held: list[FittedSet] = []
         self.candidates: Sequence[Candidate] = ()
         self._screening: Screening | object | None = _NOT_MADE
-        self._about: tuple[Fit, Screening] | None = None
+        self._about: tuple[Fit, Screening | None] | None = None
         self._fitted: dict[tuple[str, ...], Fit | None] = {}
         self._judged: dict[Fit, PartFit] = {}
         self._explained: dict[Fit, bool] = {}
@@ -129,14 +130,17 @@ class ModelComparison:
         return max(LACK_OF_FIT.near_floor, lack_of_fit(current.at).threshold)
 
     def screening_about(self, fit: Fit, on_step: Callable[[str, int, int], None]) -> Screening | None:
-        """Of the `candidates` in the force balance of a model; None where there is none."""
+        """Of the `candidates` in the force balance of a model; None where there is none, or too little moves in it."""
         declared = self.screening(on_step)
         if declared is None or not fit.effects:
             return declared
         if self._about is None or self._about[0] is not fit:
             values = [fit.point[fit.columns(e.name)] for e in fit.effects]
             point = fit.point[: len(self.fits.prepared.task.space)]
-            self._about = fit, declared.about(point, fit.effects, values)
+            try:
+                self._about = fit, declared.about(point, fit.effects, values)
+            except LogError:
+                self._about = fit, None
         return self._about[1]
 
     def screening(self, on_step: Callable[[str, int, int], None]) -> Screening | None:
@@ -247,7 +251,8 @@ class ModelComparison:
 
     def explained_from(self, start: np.ndarray, effects: Sequence[Placed], near: Fit) -> Fit | None:
         """The fit from `start` (parameter,), taken for the one of its effects, if it leaves nothing but noise."""
-        found = self._fit_from([start], effects, near, Effort(to_reach=lack_of_fit(near.at).threshold))
+        threshold = lack_of_fit(near.at).threshold
+        found = self._fit_from([start], effects, near, Effort(to_reach=threshold, needed=threshold))
         if found is None or not self.is_explained(found):
             return None
         self.know(found)
