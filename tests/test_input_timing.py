@@ -10,6 +10,7 @@ import pytest
 from balances import Made
 
 from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
+from capture_cli.common.progress import Progress
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.split import NewSplit
@@ -129,7 +130,11 @@ def test_where_the_declared_model_explains_the_log_by_inputs_that_change_evenly_
     task, log, _ = Case(PLANTED, "slider", ("control-supply-sag",), 3.0, seed).build()
     assert prepare(log, task, split=NewSplit(seed=seed), **QUIET).task.holds == (EVENLY,)
     options = DiagnoseOptions(real_log=tmp_path / "log.zarr", out=tmp_path / "out", threads=1, seed=seed)
-    found = _prepared(LogToFit(log, task, options, Provenance("diagnose", {}, {})), None, TimeLimit())
+    to_fit, silent = (
+        LogToFit(log, task, options, Provenance("diagnose", {}, {})),
+        Progress("", "", quiet=True),
+    )
+    found = _prepared(to_fit, None, TimeLimit(), silent)
     assert found.task.holds == (HELD,)
     assert [t.hold for t in found.input_timings] == [HELD]
 
