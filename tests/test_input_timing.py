@@ -130,11 +130,8 @@ def test_where_the_declared_model_explains_the_log_by_inputs_that_change_evenly_
     task, log, _ = Case(PLANTED, "slider", ("control-supply-sag",), 3.0, seed).build()
     assert prepare(log, task, split=NewSplit(seed=seed), **QUIET).task.holds == (EVENLY,)
     options = DiagnoseOptions(real_log=tmp_path / "log.zarr", out=tmp_path / "out", threads=1, seed=seed)
-    to_fit, silent = (
-        LogToFit(log, task, options, Provenance("diagnose", {}, {})),
-        Progress("", "", quiet=True),
-    )
-    found = _prepared(to_fit, None, TimeLimit(), silent)
+    to_fit = LogToFit(log, task, options, Provenance("diagnose", {}, {}))
+    found = _prepared(to_fit, None, TimeLimit(), Progress("", "", quiet=True))
     assert found.task.holds == (HELD,)
     assert [t.hold for t in found.input_timings] == [HELD]
 
