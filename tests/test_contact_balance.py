@@ -15,6 +15,7 @@ from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.impacts import impacts
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.screening import declared_balance
+from capture_cli.estimate.balance.whitening import Whitening
 
 WALL_AT = 1.2 - 0.2 - 0.04  # m: its middle, half its width, and the radius of the puck
 CORNER = """<mujoco>
@@ -115,7 +116,8 @@ def test_effects_of_impacts_are_left_to_simulations(puck):
 
 
 def test_a_log_that_is_mostly_impacts_is_smoothed_between_them_and_one_of_impacts_alone_is_not(puck):
-    log, task, free = puck.prepared.log.arrays, puck.experiment.task, puck.prepared.log.arrays.episodes[:2]
+    log, task = puck.prepared.log.arrays, puck.experiment.task
+    free = log.episodes[:2]
     noise = 1e-3 * np.random.default_rng(0).standard_normal(log.outputs.shape)
     at_wall = np.array([WALL_AT, 0.0]) + noise
     between = at_wall.copy()
@@ -126,6 +128,15 @@ def test_a_log_that_is_mostly_impacts_is_smoothed_between_them_and_one_of_impact
     assert all(any(e.start <= p.start and p.stop <= e.stop for e in free) for p in smoothed.parts)
     with pytest.raises(LogError, match="between impacts"):
         SmoothedLog.of(replace(log, outputs=at_wall), task)
+
+
+def test_a_coordinate_that_never_moves_has_no_model_error(puck):
+    whitening = Whitening(puck.balance)
+    whitening.segments = [s for s in whitening.segments if s.coordinate == 0]
+    left = [rows[..., 0] for rows in whitening.rows([puck.balance.null])]
+    whitening.adapt(left, whitening.slow_noise)
+    moves, rests = whitening.model_error
+    assert moves > 0 and rests == 0
 
 
 def test_what_acts_on_a_joint_that_no_sensor_shows_is_none_of_the_balance(puck):
