@@ -257,7 +257,7 @@ class ModelFits:
             early_stop=EarlyStop(to_beat, patience, effort.needed),
             measured=measured,
         )
-        best = run(solver, lambda trial: part.evaluate(simulator, trial))
+        best = run(solver, partial(part.answer, simulator))
         if not np.isfinite(best.error):
             return None
         fit = self.at(part, effects, best, solver.at, measured=measured)
@@ -293,7 +293,7 @@ class ModelFits:
         or it was updated and has to be `measured`.
         """
         simulator = self.simulator(effects)
-        if known is not None and not (measured and known.updates):
+        if known is not None and not (measured and (known.updates or not known.exact)):
             return Fit(tuple(effects), simulator.space, best.parameters, known)
         data = part.data(simulator)
         x = simulator.space.to_unit(best.parameters)
@@ -372,7 +372,7 @@ class ModelFits:
 
         def evaluate(keep: np.ndarray, trial: Trial):
             points = np.repeat(fit.point[None], len(trial), axis=0)
-            return part.evaluate_windows(simulator, keep, Trial(points, trial.corrections))
+            return part.evaluate_windows(simulator, keep, replace(trial, parameters=points))
 
         return fit_initial_states(
             data, evaluate, corrections, tolerance=tolerance, also=also, thorough=thorough

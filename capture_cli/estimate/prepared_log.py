@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.initial_states.from_outputs import InitialStateEstimate
 from capture_cli.estimate.noise.noise_floor import NoiseFloor
 from capture_cli.estimate.solve.base import Data, Trial
@@ -24,6 +25,11 @@ from capture_cli.simulate.simulator import InitialConditions, Simulator
 if TYPE_CHECKING:  # the balance loads SciPy, and who only checks a log works out none
     from capture_cli.estimate.balance.input_timing import InputTiming
     from capture_cli.estimate.balance.screening import Screening
+
+
+@frozen
+class SETTINGS:
+    agree: float = 0.2  # of a change of the outputs, that one to first order may be off by
 
 
 @dataclass(frozen=True)
@@ -144,11 +150,64 @@ class PreparedLog:
         outputs = aligned(simulated.outputs, self.windows.measured, attitudes(self.task))
         return outputs, simulated.diverged
 
+    def answer(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray, bool]:
+        """As of `evaluate`, to first order where that will do, and whether it is exact."""
+        return self._near(simulator, trial) if trial.near else (*self.evaluate(simulator, trial), True)
+
+    def _near(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray, bool]:
+        """As of `answer`, of candidates that differ little from the first.
+
+        In each window one step along all candidates together is simulated. Where that is not what they say, and where
+        it would take no longer, they are simulated.
+        """
+        parameters, corrections = trial.parameters, self._moved(simulator, trial.corrections)
+        driven = (parameters != parameters[0]).any(axis=1)
+        moving = driven | (corrections != corrections[0]).any(axis=(1, 2))
+        count = len(self.windows)
+        # and one to check
+        if moving.sum() * count <= simulator.cost_of_near(count, int(driven.sum())) + count:
+            return *self.evaluate(simulator, trial), True
+        initial = self.initial
+        near = simulator.simulate_near(
+            self.windows, initial.states, parameters, corrections, initial.reported
+        )
+        outputs = aligned(near.outputs, self.windows.measured, attitudes(self.task))
+        wrong = np.flatnonzero(~self._agrees(simulator, trial, outputs) | near.diverged.any(axis=0))
+        diverged = near.diverged
+        if wrong.size:
+            exact = Trial(parameters, trial.corrections[:, wrong])
+            outputs[:, wrong], diverged[:, wrong] = self.evaluate_windows(simulator, wrong, exact)
+        return outputs, diverged, wrong.size == len(self.windows)
+
+    def _agrees(self, simulator: Simulator, trial: Trial, outputs: np.ndarray) -> np.ndarray:
+        """In which windows a step along all candidates of the trial at once leads where `outputs` (candidate, window,
+        step, output) say, (window,). Each candidate has the same share in it, none more than its own step.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            changes = (outputs - outputs[0]) / self.noise.sd * self.windows.sampled
+            size = np.median(np.sqrt(np.square(changes).sum(axis=(2, 3))), axis=1)
+            usual = np.median(size[size > 0]) if (size > 0).any() else 1.0
+            share = usual / np.maximum(size, usual)
+            foreseen = np.tensordot(share, changes, axes=1)
+        if not np.isfinite(share).all():
+            return np.zeros(len(self.windows), dtype=bool)
+        together = (
+            first + np.tensordot(share, values - first, axes=1)
+            for values, first in (
+                (trial.parameters, trial.parameters[0]),
+                (trial.corrections, trial.corrections[0]),
+            )
+        )
+        there, diverged = self.evaluate(simulator, Trial(*(values[None] for values in together)))
+        found = (there[0] - outputs[0]) / self.noise.sd * self.windows.sampled
+        off = np.square(found - foreseen).sum(axis=(1, 2))
+        return (off <= SETTINGS.agree**2 * np.square(found).sum(axis=(1, 2))) & ~diverged[0]
+
     def evaluate_windows(
         self, simulator: Simulator, which: np.ndarray, trial: Trial
     ) -> tuple[np.ndarray, np.ndarray]:
-        """As of `evaluate`, of the windows at `which` alone: the corrections are theirs. Padded to the steps of all."""
-        outputs, diverged = self.part(which).evaluate(simulator, trial)
+        """As of `answer`, of the windows at `which` alone: the corrections are theirs. Padded to the steps of all."""
+        outputs, diverged, _ = self.part(which).answer(simulator, trial)
         padding = self.windows.measured.shape[1] - outputs.shape[2]
         return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
 

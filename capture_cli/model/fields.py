@@ -25,6 +25,13 @@ class ModelFields:
             self.values[name] = np.repeat(nominal[None], self.simulations, axis=0)
         return self.values[name]
 
+    def rows(self, simulations: np.ndarray) -> ModelFields:
+        """Those of the simulations of these numbers."""
+        fields = ModelFields(self.model, len(simulations))
+        fields.substeps = self.substeps
+        fields.values = {name: values[simulations] for name, values in self.values.items()}
+        return fields
+
 
 def model_field(model: mujoco.MjModel, name: str) -> np.ndarray:
     """The model's own value of a field named as in ModelFields."""

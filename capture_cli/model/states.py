@@ -58,9 +58,10 @@ def corrections_between(model: mujoco.MjModel, begin: InitialStates, end: Initia
     constraints let it.
     """
     nv = model.nv
-    positions = np.zeros((len(begin), nv))
-    for row, here, there in zip(positions, begin.qpos, end.qpos, strict=True):
-        mujoco.mj_differentiatePos(model, row, 1.0, here, there)
+    positions = end.qpos - begin.qpos if model.nq == nv else np.zeros((len(begin), nv))
+    if model.nq != nv:
+        for row, here, there in zip(positions, begin.qpos, end.qpos, strict=True):
+            mujoco.mj_differentiatePos(model, row, 1.0, here, there)
     moves = np.stack([positions, end.qvel - begin.qvel], axis=1)
     dependent = 1e-6  # of the largest singular value: a move that constraints do not let be
     if begin.together is not None:

@@ -63,6 +63,17 @@ class Rollouts:
 
 
 @dataclass(frozen=True)
+class SingleSteps:
+    """Each (begin, simulation, ...): what sensors show and actuators give, N or N m, before a step, and the states
+    (begin * simulation) after it.
+    """
+
+    sensors: np.ndarray
+    actuator_force: np.ndarray
+    ends: InitialStates
+
+
+@dataclass(frozen=True)
 class Keep:
     """What is kept of simulations: `columns` of sensordata (all where None); with `states` also these, contacts, limits
     and forces of actuators, which `actuator_forces` keeps alone.
@@ -136,6 +147,33 @@ class Engine:
         return Rollouts(
             whole["sensordata"], np.concatenate(diverged), *(whole.get(n) for n in (*STATES, *WORKED_OUT))
         )
+
+    def single_steps(
+        self,
+        begins: InitialStates,
+        controls: np.ndarray,
+        fields: ModelFields,
+        forces: Sequence[Force] = (),
+    ) -> SingleSteps:
+        """One step of every simulation from each of the states `begins` (begin * simulation), under the controls
+        (begin, simulation, nu); fields and forces are as for `rollout`. Not counted.
+        """
+        self.on_work()
+        count = controls.shape[1]
+        rows = np.arange(count)
+        runner = self._prepare(rows, begins.rows(rows), fields)
+        states = {name: runner.bind(name) for name in (*STATES, "time")}
+        shown, kept = ("sensordata", "actuator_force"), []
+        for number, own in enumerate(controls):
+            here = begins.rows(number * count + rows)
+            for name, live in states.items():
+                live[...] = getattr(here, name)
+            runner.bind("qacc_warmstart")[...] = 0.0
+            recorded, _ = _step_with_forces(runner, rows, own[:, None], forces, shown, fields.substeps)
+            kept.append([*(recorded[n][:, 0] for n in shown), *(live.copy() for live in states.values())])
+        sensors, actuator_force, *ends = (np.stack(each) for each in zip(*kept, strict=True))
+        flat = (values.reshape(len(begins), *values.shape[2:]) for values in ends)
+        return SingleSteps(sensors, actuator_force, InitialStates(*flat))
 
     @cached_property
     def _shapes(self) -> mujoco.MjData:
@@ -249,6 +287,7 @@ def _step_with_forces(
             report(shown)
         held = recorded["sensordata"][:, step - 1] if step else shown
         recorded["sensordata"][:, step] = np.where(bad[:, None], held, shown)
+    world.restore_varied()
     return recorded, bad
 
 

@@ -20,6 +20,7 @@ from capture_cli.model.states import InitialStates, shift
 from capture_cli.model.tasks.base import Task
 from capture_cli.model.world import Force
 from capture_cli.simulate.engine import Engine, Keep, Rollouts
+from capture_cli.simulate.tangent_linear import NearSimulations, cost
 
 
 @frozen
@@ -73,7 +74,8 @@ class InitialConditions:
 class _Runs:
     """Simulations of the windows `row` (simulation,), each (simulation, parameter); initial states are one per window.
 
-    corrections (simulation, state), reported and logged are as for `Simulator.simulate`.
+    corrections (simulation, state), reported and logged are as for `Simulator.simulate`. near: how many candidates they
+    are, one after the other, that differ little from the first.
     """
 
     windows: Windows
@@ -83,6 +85,7 @@ class _Runs:
     corrections: np.ndarray | None
     reported: ReportedMotion | None
     logged: bool = False
+    near: int = 1
 
     @classmethod
     def at(
@@ -113,6 +116,11 @@ class _Drives:
     steps: int
     began: np.ndarray
     first: np.ndarray | None = None
+
+    def of(self, some: np.ndarray) -> _Drives:
+        """What drives the simulations of these numbers."""
+        first = None if self.first is None else self.first[some]
+        return replace(self, row=self.row[some], known=self.known[some], began=self.began[some], first=first)
 
 
 @dataclass(frozen=True)
@@ -253,6 +261,53 @@ class Simulator:
             self.rollouts += len(row)
         return Simulated(outputs, diverged)
 
+    def simulate_near(
+        self,
+        windows: Windows,
+        initial: InitialStates,
+        parameters: np.ndarray,
+        corrections: np.ndarray,
+        reported: ReportedMotion | None = None,
+    ) -> Simulated:
+        """As `simulate`, of candidates that differ little from the first: to first order about it."""
+        outputs = np.zeros((len(parameters), *windows.measured.shape))
+        diverged = np.zeros(outputs.shape[:2], dtype=bool)
+        moving = (parameters != parameters[0]).any(axis=1) | (corrections != corrections[0]).any(axis=(1, 2))
+        moving[0] = True
+        for group in self._near_at_a_time(windows, int(moving.sum())):
+            part, row = windows.rows(group), np.tile(np.arange(len(group)), moving.sum())
+            each = self._with_known(np.repeat(parameters[moving], len(group), axis=0))
+            own = corrections[moving][:, group].reshape(len(row), -1)
+            motion = None if reported is None else reported.rows(group)
+            rollouts = self._rollout(
+                _Runs(part, initial.rows(group), row, each, own, motion, near=moving.sum())
+            )
+            shown = part.sample(rollouts.sensors, row)
+            shown = shown.reshape(-1, len(group), *shown.shape[1:])
+            lost = rollouts.diverged.reshape(-1, len(group))
+            outputs[:, group, : shown.shape[2]], diverged[:, group] = shown[0], lost[0]
+            outputs[np.ix_(moving, group, np.arange(shown.shape[2]))] = shown
+            diverged[np.ix_(moving, group)] = lost
+            self.rollouts += len(group)
+        return Simulated(outputs, diverged)
+
+    def cost_of_near(self, windows: int, driven: int) -> float:
+        """Of `simulate_near` with so many candidates that have other parameters, in simulations of one window; inf
+        where forces keep what is not in the state.
+        """
+        keeps = any(own.effect.states and own.effect.place == "force" for own in self._placed)
+        return np.inf if keeps else cost(windows, self._own_states, driven)
+
+    def _near_at_a_time(self, windows: Windows, candidates: int) -> list[np.ndarray]:
+        """Numbers of windows that are simulated at a time, under so many candidates that differ little."""
+        groups = []
+        for group in _by_length(windows.grid_steps):
+            steps = windows.sequences.lead + windows.sequences.stop
+            size = candidates * steps * (len(self._sensors) + self.task.model.nu) * np.dtype(float).itemsize
+            most = max(SETTINGS.sensor_bytes // size, 1)
+            groups += np.array_split(group, -(-len(group) // most))
+        return groups
+
     def _with_known(self, parameters: np.ndarray) -> np.ndarray:
         """Parameters (simulation, parameter) of candidates, and after them those of known values."""
         known = np.broadcast_to(self._known, (len(parameters), len(self._known)))
@@ -366,7 +421,7 @@ class Simulator:
             began=(windows.time - windows.elapsed)[row],
             first=None if windows.first is None else windows.first[row],
         )
-        rollouts = self._step(conditions, drives, each, keep_states=keep_states)
+        rollouts = self._step(conditions, drives, each, keep_states=keep_states, near=runs.near)
         return _from(rollouts, conditions.early / windows.timestep) if conditions.early.any() else rollouts
 
     def _steps_beyond(
@@ -385,25 +440,42 @@ class Simulator:
         return int(np.ceil(np.max(more, initial=0.0) / self.task.timestep))
 
     def _step(
-        self, conditions: InitialConditions, drives: _Drives, each: np.ndarray, *, keep_states: bool = False
+        self,
+        conditions: InitialConditions,
+        drives: _Drives,
+        each: np.ndarray,
+        *,
+        keep_states: bool = False,
+        near: int = 1,
     ) -> Rollouts:
         """Rollouts whose sensors are the outputs on the grid, from where they begin; each (simulation, parameter)."""
         initial, hidden, first = conditions.states, conditions.hidden, drives.first
         elapsed = initial.time - drives.began
         controls, row = self._drive(drives, each, conditions, elapsed)
         measures = self._measures
-        rollouts = self.engine.rollout(
-            initial,
-            controls,
-            row=row,
-            fields=self._fields(each),
-            forces=self._forces(each, hidden, drives),
-            keep=Keep(
-                columns=None if measures else self._sensors,
-                states=keep_states,
-                actuator_forces=any(own.effect.reads_actuators for own in self._placed),
-            ),
+        keep = Keep(
+            columns=None if measures else self._sensors,
+            states=keep_states,
+            actuator_forces=any(own.effect.reads_actuators for own in self._placed),
         )
+        if near > 1:
+            rollouts = NearSimulations(
+                initial,
+                controls,
+                row,
+                self._fields(each),
+                lambda some: self._forces(each[some], hidden[some], drives.of(some)),
+                driven=_driven(each, hidden, near),
+            ).rollouts(self.engine, keep)
+        else:
+            rollouts = self.engine.rollout(
+                initial,
+                controls,
+                row=row,
+                fields=self._fields(each),
+                forces=self._forces(each, hidden, drives),
+                keep=keep,
+            )
         if not measures:
             return rollouts
         sensors = rollouts.sensors
@@ -503,6 +575,12 @@ class Simulator:
         """By how much controls before an episode began differed from its first, (simulation, nu)."""
         change = np.zeros((len(hidden), self.task.model.nu))
         return sum((own.effect.before(hidden[:, own.states]) for own in self._placed), change)
+
+
+def _driven(each: np.ndarray, hidden: np.ndarray, candidates: int) -> np.ndarray:
+    """Which of so many candidates differ from the first by more than the model's own initial state, (candidate,)."""
+    by = np.concatenate([each, hidden], axis=1).reshape(candidates, -1)
+    return (by != by[0]).any(axis=1)
 
 
 def _from(rollouts: Rollouts, steps: np.ndarray) -> Rollouts:

@@ -6,6 +6,8 @@ minimized over, window by window, as in variable projection (Golub & Pereyra 197
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from capture_cli.common.frozen import frozen
@@ -68,6 +70,9 @@ class Descent:
         *,
         measured: bool = True,
     ):
+        self._near = (
+            not data.rough
+        )  # whether first order will do for sensitivities: of what jumps there is none
         self.data = data
         self.tolerance = tolerance
         self.x = np.clip(x, 0.0, 1.0)
@@ -129,13 +134,14 @@ class Descent:
     def ask(self) -> Trial:
         """One candidate, with its finite differences where they are due; or several without, to choose from."""
         if self._told == self._tell_measured:
-            return columns(self.data, *self._trials[0], known=self._known)
+            return columns(self.data, *self._trials[0], known=self._known, near=self._near)
         x, corrections = (np.stack(part) for part in zip(*self._trials, strict=True))
         return Trial(self.data.space.from_unit(x), corrections, self._windows)
 
-    def tell(self, outputs, diverged):
-        """A trial of few windows is no round of its own."""
+    def tell(self, outputs, diverged, exact: bool = True):
+        """A trial of few windows is no round of its own. exact: whether all was simulated."""
         of_all = self._windows is None
+        self._exact = exact
         self._told(outputs, diverged)
         if of_all:
             self.rounds += 1
@@ -156,9 +162,15 @@ class Descent:
         """Ask next for the sensitivities where it is."""
         self._trials, self._told = [(self.x, self.corrections)], self._tell_measured
 
+    def _measure_exactly(self) -> None:
+        """Likewise, and from now on by simulations of each."""
+        self._near, self._failed, self._vain = False, 0, 0
+        self._measure()
+
     def _tell_measured(self, outputs, diverged) -> None:
         x, corrections = self._trials[0]
         there = Linearization.from_columns(self.data, x, corrections, outputs, diverged)
+        there = replace(there, exact=self._exact)
         if self._known is not None:
             there, self._known = self._known.completed(there), None
         if diverged[0].any() or not np.isfinite(there.residual).all():
@@ -251,14 +263,18 @@ class Descent:
         gained = self._since - float(self._at.objectives(self._k).sum())
         if self._updates and (self._measured or gained > self._little):
             self._measure()
+        elif self._measured and not self._at.exact:
+            self._measure_exactly()
         elif self._searches:
             self._propose_other_initial_states()
         else:
             self.converged = True
 
     def _give_up(self) -> None:
-        """No way on from here; there may be one from where hidden states are others."""
-        if self._may_search:
+        """No way on from here; there may be one by exact sensitivities, or from where hidden states are others."""
+        if not self._at.exact:
+            self._measure_exactly()
+        elif self._may_search:
             self._propose_other_initial_states()
         else:
             self.converged = True

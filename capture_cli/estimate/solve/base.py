@@ -105,7 +105,8 @@ class Identifier(AskTell):
         return self.rounds_left <= 0 or self.at_rest
 
 
-Evaluate = Callable[[Trial], tuple[np.ndarray, np.ndarray]]
+# outputs, which diverged, and, where not everything is simulated, whether all was
+Evaluate = Callable[[Trial], tuple]
 
 
 def run(identifier: Identifier, evaluate: Evaluate, on_round: Callable[[Best], None] | None = None) -> Best:

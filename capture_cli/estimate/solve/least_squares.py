@@ -103,7 +103,7 @@ class LeastSquares(Identifier):
             np.concatenate([t.parameters for t in trials]), np.concatenate([t.corrections for t in trials])
         )
 
-    def tell(self, outputs, diverged):
+    def tell(self, outputs, diverged, exact: bool = True):
         if self._screening:
             self._begin(outputs, diverged)
             self.rounds_left += 1  # a search of one round is to end somewhere
@@ -111,7 +111,7 @@ class LeastSquares(Identifier):
         self.rounds_left += self._of_few  # for these a round of few windows is none
         first = 0
         for descent, size in self._asked:
-            descent.tell(outputs[first : first + size], diverged[first : first + size])
+            descent.tell(outputs[first : first + size], diverged[first : first + size], exact)
             first += size
         self._drop_hopeless()
 

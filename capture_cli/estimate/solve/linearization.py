@@ -138,20 +138,17 @@ class Trial:
     """Simulations asked for: parameters (candidate, parameter), corrections of the initial states (candidate, window,
     state).
 
-    windows: the numbers of those that need to be simulated; all where None.
+    windows: the numbers of those that need to be simulated; all where None. near: whether all differ little from the
+    first, so that first order will do.
     """
 
     parameters: np.ndarray
     corrections: np.ndarray
     windows: np.ndarray | None = None
+    near: bool = False
 
     def __len__(self) -> int:
         return len(self.parameters)
-
-    @property
-    def but_first(self) -> Trial:
-        """Without its first candidate."""
-        return Trial(self.parameters[1:], self.corrections[1:])
 
 
 def columns(
@@ -161,9 +158,10 @@ def columns(
     *,
     parameters: bool = True,
     known: Known | None = None,
+    near: bool = False,
 ) -> Trial:
     """The point x (parameter,), in the unit cube, and one finite difference per parameter and start coordinate; those
-    that are `known` do not move, so that nothing is simulated for them.
+    that are `known` do not move, so that nothing is simulated for them. near: as of `Trial`.
     """
     moves = np.eye(len(x)) * parameter_steps(data.space, x) if parameters else np.zeros((0, len(x)))
     shifts = _initial_steps(data)
@@ -175,7 +173,7 @@ def columns(
     moved = np.repeat(corrections[None], len(points), axis=0)
     for row, state in enumerate(movable, start=1 + len(moves)):
         moved[row, :, state] += shifts[:, state]
-    return Trial(data.space.from_unit(points), moved)
+    return Trial(data.space.from_unit(points), moved, near=near)
 
 
 def parameter_steps(space: ParameterSpace, x: np.ndarray) -> np.ndarray:
@@ -215,7 +213,8 @@ class Known:
 class Linearization:
     """residual (window, row), by_parameter (window, row, parameter), by_initial (window, row, state).
 
-    updates: by how many steps its sensitivities were updated since they were measured.
+    updates: by how many steps its sensitivities were updated since they were measured. exact: whether what they were
+    measured by was simulated, not taken to first order.
     """
 
     data: Data
@@ -225,6 +224,7 @@ class Linearization:
     by_parameter: np.ndarray
     by_initial: np.ndarray
     updates: int = 0
+    exact: bool = True
 
     @classmethod
     def from_columns(cls, data: Data, x, corrections, outputs, diverged, *, parameters: bool = True):

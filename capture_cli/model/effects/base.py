@@ -138,7 +138,7 @@ class Effect(ABC):
     shapes: names of the parameters that say what the effect looks like (a period, a position). They mean
         nothing while the amplitudes, which are all the others, are null: a score at null has to be taken at
         several of their values.
-    shares: names of shapes that are shares of a whole: none and all of it are ends that a machine may be at.
+    shares: names of parameters at whose ends a machine may be: those that are shares of a whole are none or all of it.
     mixes: whether next to null several of it, each of one amplitude and a shape of its own, do what one does: it has a
         `mixture`, and is scored with an amplitude at each shape of the grid at once, too.
     vague_at_end: names of shapes at whose ends it imitates what it is not: a fit that ends there says nothing, however

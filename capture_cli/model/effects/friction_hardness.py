@@ -17,7 +17,8 @@ class FrictionHardness(JointEffect):
 
     place = "model"
     summary = "dry friction holds and stops harder than modelled"
-    # most decades: then the impedance is near the 0.9999 that MuJoCo allows
+    # most decades: then the impedance is near the 0.9999 that MuJoCo allows, and friction as hard as of a real machine
+    shares = ("hardness",)
     parameters = (Parameter("hardness", "1", 0.0, 3.0, 0.0),)
     shows_at_rest = True
 
