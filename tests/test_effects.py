@@ -393,6 +393,17 @@ def test_of_a_moment_without_mass_a_payload_has_as_much_as_that_takes():
     assert not effect.mixture(effect.shape_grid(), np.zeros(5))[0]
 
 
+def test_preloaded_springs_side_by_side_are_one():
+    effect = effects.REGISTRY.get("preloaded-spring")(machine("arm"), "elbow")
+    shapes, amplitudes = effect.shape_grid(6), np.array([0.3, -0.05, 0.1, 0.2, -0.1, 0.15])
+    stiffness, rest = effect.mixture(shapes, amplitudes)
+    position, each = np.linspace(-2, 2, 5), amplitudes * effect.space.span[0]
+    together = -(each * (position[:, None] - shapes[:, 1])).sum(axis=1)
+    np.testing.assert_allclose(-stiffness * (position - rest), together, rtol=1e-9, atol=1e-12)
+    assert effect.mixture(shapes, np.array([1.0, 0, 0, 0, 0, -1.0])) is None  # a force that is the same everywhere
+    assert effect.mixture(shapes, np.array([1.0, 0, 0, 0, 0, -0.9])) is None  # at rest where no joint gets to
+
+
 def test_a_shifted_centre_of_mass_is_the_one_compiled_there():
     effect = effects.REGISTRY.get("com-shift")(machine("arm"), "fore")
     assert [p.name for p in effect.parameters] == ["x", "z"]  # along y, its only axis, nothing would move

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from capture_cli.model.effects._joint_effect import SpringEffect
 from capture_cli.model.effects._side_by_side import side_by_side
 from capture_cli.model.parameters import Parameter
@@ -17,6 +19,7 @@ class PreloadedSpring(SpringEffect):
     summary = "a spring that rests elsewhere than the joint's own, or pushes away: a harness, ropes that shift weight"
     where = "every hinge and slide joint, but those whose spring hardens or softens"
     shapes = ("rest",)
+    mixes = True
 
     @classmethod
     def suits(cls, model, joint):
@@ -32,6 +35,16 @@ class PreloadedSpring(SpringEffect):
             Parameter("stiffness", self.unit("N/m", "N m/rad"), -pushes * high, high, 0.0),
             Parameter("rest", self.unit("m", "rad"), -far, far, 0.0),
         )
+
+    def mixture(self, shapes, amplitudes):
+        """Springs side by side are one of all their stiffness, at rest where their forces are in balance, if anywhere
+        within reach.
+        """
+        space, stiffness = self.space, amplitudes.sum()
+        rest = amplitudes @ shapes[:, 1] / stiffness if stiffness else np.inf
+        if not space.low[1] <= rest <= space.high[1]:
+            return None
+        return np.array([stiffness * space.span[0], rest])
 
     def write(self, fields, values):
         stiffness, rest = fields["jnt_stiffness"][:, self.joint], fields["qpos_spring"][:, self.position]
