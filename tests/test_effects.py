@@ -400,8 +400,8 @@ def test_preloaded_springs_side_by_side_are_one():
     position, each = np.linspace(-2, 2, 5), amplitudes * effect.space.span[0]
     together = -(each * (position[:, None] - shapes[:, 1])).sum(axis=1)
     np.testing.assert_allclose(-stiffness * (position - rest), together, rtol=1e-9, atol=1e-12)
-    assert effect.mixture(shapes, np.array([1.0, 0, 0, 0, 0, -1.0])) is None  # a force that is the same everywhere
-    assert effect.mixture(shapes, np.array([1.0, 0, 0, 0, 0, -0.9])) is None  # at rest where no joint gets to
+    assert effect.mixture(shapes, np.array([1.0, 0, 0, 0, 0, -1.0])) is None  # rests nowhere
+    assert effect.mixture(shapes, np.array([1.0, 0, 0, 0, 0, -0.9])) is None  # rests too far
 
 
 def test_a_shifted_centre_of_mass_is_the_one_compiled_there():
