@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,7 +18,8 @@ from capture_cli.model.effects.placed import Placed
 @dataclass(frozen=True)
 class DictionarySettings:
     """shapes: values of one nonlinear parameter; shapes_of_several: of each where there are two, and of more one in the
-    middle, for the fit moves them. periods: of a force that repeats. step: of an amplitude's range, at which a column
+    middle, for the fit moves them. most_shapes: with those that are taken between neighbours whose columns have a
+    cosine below `near`. periods: of a force that repeats. step: of an amplitude's range, at which a column
     is taken; far_steps: of effects that remember; same_way: the cosine of columns at the first and at the last step
     beyond which none is taken between. beyond_onset: of effects with a threshold, below which they do nothing,
     likewise: of the range from where they begin to; and halvings: by which that is found. known: of its range, how
@@ -29,6 +31,8 @@ class DictionarySettings:
 
     shapes: int = 6
     shapes_of_several: int = 3
+    most_shapes: int = 32
+    near: float = 0.8
     periods: int = 160
     step: float = 0.02
     far_steps: tuple[float, ...] = (0.1, 0.3, 0.7)
@@ -50,8 +54,8 @@ class Atom:
 
     amplitudes: which parameters those are; after their columns come those of `apart` amplitudes that other recordings
     have for themselves, which belong to no parameter. unit (amplitude,): what a coefficient of 1 is of each, in its
-    range; known (amplitude,): how large coefficients may be beforehand, a standard deviation. one_way: of an effect
-    that does not do the reverse at the reverse: friction never drives.
+    range, of which it is the `share`; known (amplitude,): how large coefficients may be beforehand, a standard
+    deviation. one_way: of an effect that does not do the reverse at the reverse: friction never drives.
     """
 
     placed: Placed
@@ -61,6 +65,7 @@ class Atom:
     known: np.ndarray
     one_way: bool = False
     apart: int = 0
+    share: float = 0.0
 
     @property
     def scale(self) -> np.ndarray:
@@ -162,21 +167,48 @@ def _usable(
 ) -> list[tuple[Atom, list[Accelerations]]]:
     """Atoms of an effect at each of its shapes, with steps of these `shares` of the amplitudes' ranges, that do
     something, and nothing absurd.
+
+    Between shapes whose columns have little in common others are taken: what swings at 3 Hz for 3 s is not seen at 4.
+    There the first step will do, where at the others the columns are the same but for their sign.
     """
+    effect = placed.effect
+    points = _shapes(effect, settings)
+    found = _at_shapes(balance, placed, points, amplitudes, shares, settings)
+    if effect.has_threshold or effect.mixes or not 1 <= len(effect.shapes) <= 2:
+        return found
+    enough = shares[:1] if _go_one_way(found, shares, settings) else shares
+    while len(points) < settings.most_shapes:
+        near = [own for own in found if own[0].share == shares[0]]
+        more = _between_neighbours(effect, near, settings)[: settings.most_shapes - len(points)]
+        if not len(more):
+            break
+        points = np.concatenate([points, more])
+        found += _at_shapes(balance, placed, more, amplitudes, enough, settings)
+    return found
+
+
+def _at_shapes(
+    balance: ForceBalance,
+    placed: Placed,
+    points: np.ndarray,
+    amplitudes: tuple[int, ...],
+    shares: Sequence[float],
+    settings: DictionarySettings,
+) -> list[tuple[Atom, list[Accelerations]]]:
+    """As of `_usable`, at the shapes of these points (point, parameter) alone."""
     space, own = placed.effect.space, list(amplitudes)
     size = np.abs(balance.null.predicted).max()
     largest, least = settings.largest * size, settings.rounding * size
     values, owners = [], []
-    for point in _shapes(placed.effect, settings):
+    for point in points:
         onset = _onset(balance, placed.effect, point, amplitudes, least, settings)
         for share in shares:
             reach = onset + (1 - onset) * share
             units = np.array([_reach(space, point, i, s) for i, s in zip(amplitudes, reach, strict=True)])
             if ((point[own] + units < space.low[own]) | (point[own] + units > space.high[own])).any():
                 continue
-            owners.append(
-                Atom(placed, point, amplitudes, units, settings.known * space.span[own] / np.abs(units))
-            )
+            known = settings.known * space.span[own] / np.abs(units)
+            owners.append(Atom(placed, point, amplitudes, units, known, share=share))
             values += [
                 point + np.eye(len(point))[i] * unit for i, unit in zip(amplitudes, units, strict=True)
             ]
@@ -185,6 +217,40 @@ def _usable(
     changes = iter(balance.of_effect(placed.effect, np.array(values)))
     found = [(atom, [next(changes) for _ in amplitudes]) for atom in owners]
     return [(atom, columns) for atom, columns in found if _can_be_compared(columns, largest, least)]
+
+
+def _go_one_way(
+    found: Sequence[tuple[Atom, list[Accelerations]]], shares: Sequence[float], settings: DictionarySettings
+) -> bool:
+    """Whether at each shape columns at all steps are those at the first, but for their size and sign."""
+    first = {a.values.tobytes(): columns for a, columns in found if a.share == shares[0]}
+    pairs = [(first.get(a.values.tobytes(), ()), columns) for a, columns in found]
+    return all(len(one) == len(other) for one, other in pairs) and all(
+        abs(similarity(a.predicted.ravel(), b.predicted.ravel())) > settings.same_way
+        for one, other in pairs
+        for a, b in zip(one, other, strict=True)
+    )
+
+
+def _between_neighbours(
+    effect: Effect, found: Sequence[tuple[Atom, list[Accelerations]]], settings: DictionarySettings
+) -> np.ndarray:
+    """The middles (point, parameter) of neighbours along one shape whose columns have little in common, those that have
+    least first.
+    """
+    space, middles = effect.space, []
+    points = np.array([atom.values for atom, _ in found]).reshape(-1, len(space))
+    columns = [np.concatenate([c.predicted.ravel() for c in own]) for _, own in found]
+    for axis in (i for i, name in enumerate(space.names) if name in effect.shapes):
+        line = np.delete(points, axis, axis=1)
+        for a, b in pairwise(np.lexsort([points[:, axis], *line.T])):
+            cosine = similarity(columns[a], columns[b])
+            if np.array_equal(line[a], line[b]) and cosine < settings.near:
+                ends = points[[a, b], axis]
+                middle = points[a].copy()
+                middle[axis] = np.sqrt(ends.prod()) if space.low[axis] > 0 else ends.mean()
+                middles.append((cosine, middle))
+    return np.array([m for _, m in sorted(middles, key=lambda own: own[0])]).reshape(-1, len(space))
 
 
 def _mixture(parts: Sequence[tuple[Atom, list[Accelerations]]]) -> tuple[Atom, list[Accelerations]]:
