@@ -142,10 +142,14 @@ def atoms(
     if isinstance(effect, PeriodicForce):
         yield from _repeating(balance, placed, amplitudes, settings)
         return
-    found = _usable(balance, placed, amplitudes, _shares(effect, settings), settings)
+    points, shares = _shapes(effect, settings), _shares(effect, settings)
+    found = _usable(balance, placed, points, amplitudes, shares, settings)
     if _may_saturate(effect) and not _do_the_same(found, settings):
         between = (-settings.step, *settings.far_steps[:-1])
-        found += _usable(balance, placed, amplitudes, between, settings)
+        found += _usable(balance, placed, points, amplitudes, between, settings)
+        shares += between
+    if not (effect.has_threshold or effect.mixes) and 1 <= len(effect.shapes) <= 2:
+        found += _resolved(balance, placed, found, amplitudes, shares, settings)
     if effect.mixes and len(found) > 1:
         yield _mixture(found)
     for atom, columns in found:
@@ -161,41 +165,14 @@ def atoms(
 def _usable(
     balance: ForceBalance,
     placed: Placed,
-    amplitudes: tuple[int, ...],
-    shares: Sequence[float],
-    settings: DictionarySettings,
-) -> list[tuple[Atom, list[Accelerations]]]:
-    """Atoms of an effect at each of its shapes, with steps of these `shares` of the amplitudes' ranges, that do
-    something, and nothing absurd.
-
-    Between shapes whose columns have little in common others are taken: what swings at 3 Hz for 3 s is not seen at 4.
-    There the first step will do, where at the others the columns are the same but for their sign.
-    """
-    effect = placed.effect
-    points = _shapes(effect, settings)
-    found = _at_shapes(balance, placed, points, amplitudes, shares, settings)
-    if effect.has_threshold or effect.mixes or not 1 <= len(effect.shapes) <= 2:
-        return found
-    enough = shares[:1] if _go_one_way(found, shares, settings) else shares
-    while len(points) < settings.most_shapes:
-        near = [own for own in found if own[0].share == shares[0]]
-        more = _between_neighbours(effect, near, settings)[: settings.most_shapes - len(points)]
-        if not len(more):
-            break
-        points = np.concatenate([points, more])
-        found += _at_shapes(balance, placed, more, amplitudes, enough, settings)
-    return found
-
-
-def _at_shapes(
-    balance: ForceBalance,
-    placed: Placed,
     points: np.ndarray,
     amplitudes: tuple[int, ...],
     shares: Sequence[float],
     settings: DictionarySettings,
 ) -> list[tuple[Atom, list[Accelerations]]]:
-    """As of `_usable`, at the shapes of these points (point, parameter) alone."""
+    """Atoms of an effect at the shapes of these points (point, parameter), with steps of these `shares` of the
+    amplitudes' ranges, that do something, and nothing absurd.
+    """
     space, own = placed.effect.space, list(amplitudes)
     size = np.abs(balance.null.predicted).max()
     largest, least = settings.largest * size, settings.rounding * size
@@ -217,6 +194,29 @@ def _at_shapes(
     changes = iter(balance.of_effect(placed.effect, np.array(values)))
     found = [(atom, [next(changes) for _ in amplitudes]) for atom in owners]
     return [(atom, columns) for atom, columns in found if _can_be_compared(columns, largest, least)]
+
+
+def _resolved(
+    balance: ForceBalance,
+    placed: Placed,
+    known: Sequence[tuple[Atom, list[Accelerations]]],
+    amplitudes: tuple[int, ...],
+    shares: Sequence[float],
+    settings: DictionarySettings,
+) -> list[tuple[Atom, list[Accelerations]]]:
+    """Atoms between the `known` shapes whose columns have little in common: what swings at 3 Hz for 3 s is not seen at
+    4. At one step where the known columns are the same at all `shares` but for their size and sign.
+    """
+    count, found = len({atom.values.tobytes() for atom, _ in known}), []
+    steps = shares[:1] if _go_one_way(known, shares, settings) else shares
+    while count < settings.most_shapes:
+        near = [own for own in (*known, *found) if own[0].share == shares[0]]
+        more = _between_neighbours(placed.effect, near, settings)[: settings.most_shapes - count]
+        if not len(more):
+            break
+        count += len(more)
+        found += _usable(balance, placed, more, amplitudes, steps, settings)
+    return found
 
 
 def _go_one_way(
