@@ -21,8 +21,8 @@ def linearized(prepared, placed, point, *, near, threads=1):
     data = prepared.data(simulator)
     still = np.zeros(data.initial_sd.shape)
     x = data.space.to_unit(point)
-    outputs, diverged, exact = prepared.answer(simulator, columns(data, x, still, near=near))
-    return Linearization.from_columns(data, x, still, outputs, diverged), exact
+    outputs, diverged, *exact = prepared.answer(simulator, columns(data, x, still, near=near))
+    return Linearization.from_columns(data, x, still, outputs, diverged), exact != [False]
 
 
 def off(found: Linearization, exact: Linearization) -> np.ndarray:

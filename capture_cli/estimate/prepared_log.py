@@ -150,12 +150,12 @@ class PreparedLog:
         outputs = aligned(simulated.outputs, self.windows.measured, attitudes(self.task))
         return outputs, simulated.diverged
 
-    def answer(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray, bool]:
-        """As of `evaluate`, to first order where that will do, and whether it is exact."""
-        return self._near(simulator, trial) if trial.near else (*self.evaluate(simulator, trial), True)
+    def answer(self, simulator: Simulator, trial: Trial) -> tuple:
+        """As of `evaluate`; where first order will do that, and then whether it is exact."""
+        return self._near(simulator, trial) if trial.near else self.evaluate(simulator, trial)
 
     def _near(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray, bool]:
-        """As of `answer`, of candidates that differ little from the first.
+        """As of `answer`, of candidates that differ little from the first, and whether it is exact.
 
         In each window one step along all candidates together is simulated. Where that is not what they say, and where
         it would take no longer, they are simulated.
@@ -207,7 +207,7 @@ class PreparedLog:
         self, simulator: Simulator, which: np.ndarray, trial: Trial
     ) -> tuple[np.ndarray, np.ndarray]:
         """As of `answer`, of the windows at `which` alone: the corrections are theirs. Padded to the steps of all."""
-        outputs, diverged, _ = self.part(which).answer(simulator, trial)
+        outputs, diverged, *_ = self.part(which).answer(simulator, trial)
         padding = self.windows.measured.shape[1] - outputs.shape[2]
         return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
 

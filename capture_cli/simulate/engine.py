@@ -156,7 +156,7 @@ class Engine:
         forces: Sequence[Force] = (),
     ) -> SingleSteps:
         """One step of every simulation from each of the states `begins` (begin * simulation), under the controls
-        (begin, simulation, nu); fields and forces are as for `rollout`. Not counted.
+        (begin, simulation, nu); fields and forces are as for `rollout`. They are no rollouts, and not counted as such.
         """
         self.on_work()
         count = controls.shape[1]

@@ -132,7 +132,6 @@ class _Linearized:
             near.fields.rows(number),
             near.forces(number),
         )
-        self.engine.rollouts += -(-len(stepped.ends) // int(self.last[-1]))
         layout = len(self.first), len(candidates), paths
         there = np.tile(np.arange(paths), len(candidates))
         first = (np.arange(len(self.first))[:, None] * len(number) + there).ravel()

@@ -70,9 +70,9 @@ class Descent:
         *,
         measured: bool = True,
     ):
-        self._near = (
-            not data.rough
-        )  # whether first order will do for sensitivities: of what jumps there is none
+        # whether first order will do for sensitivities: what jumps has none, and where only ratios are known its error
+        # would say how large they are
+        self._near = not (data.rough or measured)
         self.data = data
         self.tolerance = tolerance
         self.x = np.clip(x, 0.0, 1.0)
@@ -263,8 +263,6 @@ class Descent:
         gained = self._since - float(self._at.objectives(self._k).sum())
         if self._updates and (self._measured or gained > self._little):
             self._measure()
-        elif self._measured and not self._at.exact:
-            self._measure_exactly()
         elif self._searches:
             self._propose_other_initial_states()
         else:
