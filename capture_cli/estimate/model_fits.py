@@ -293,7 +293,7 @@ class ModelFits:
         or it was updated and has to be `measured`.
         """
         simulator = self.simulator(effects)
-        if known is not None and not (measured and (known.updates or not known.exact)):
+        if known is not None and not (measured and known.updates):
             return Fit(tuple(effects), simulator.space, best.parameters, known)
         data = part.data(simulator)
         x = simulator.space.to_unit(best.parameters)

@@ -151,21 +151,17 @@ class PreparedLog:
         return outputs, simulated.diverged
 
     def answer(self, simulator: Simulator, trial: Trial) -> tuple:
-        """As of `evaluate`; where first order will do that, and then whether it is exact."""
+        """What `evaluate` gives; of a trial for which first order will do, also whether all of it was simulated."""
         return self._near(simulator, trial) if trial.near else self.evaluate(simulator, trial)
 
     def _near(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray, bool]:
-        """As of `answer`, of candidates that differ little from the first, and whether it is exact.
+        """To first order, of candidates that differ little from the first, and whether all was simulated after all.
 
-        In each window one step along all candidates together is simulated. Where that is not what they say, and where
-        it would take no longer, they are simulated.
+        In each window one step along all candidates together is simulated. Where it does not lead where they say, and
+        where it takes no longer, all of them are.
         """
         parameters, corrections = trial.parameters, self._moved(simulator, trial.corrections)
-        driven = (parameters != parameters[0]).any(axis=1)
-        moving = driven | (corrections != corrections[0]).any(axis=(1, 2))
-        count = len(self.windows)
-        # and one to check
-        if moving.sum() * count <= simulator.cost_of_near(count, int(driven.sum())) + count:
+        if not simulator.near_is_cheaper(parameters, corrections):
             return *self.evaluate(simulator, trial), True
         initial = self.initial
         near = simulator.simulate_near(

@@ -272,8 +272,8 @@ class Simulator:
         """As `simulate`, of candidates that differ little from the first: to first order about it."""
         outputs = np.zeros((len(parameters), *windows.measured.shape))
         diverged = np.zeros(outputs.shape[:2], dtype=bool)
-        moving = (parameters != parameters[0]).any(axis=1) | (corrections != corrections[0]).any(axis=(1, 2))
-        moving[0] = True
+        moving = _moving(parameters, corrections)
+        moving[0] = True  # the path itself
         for group in self._near_at_a_time(windows, int(moving.sum())):
             part, row = windows.rows(group), np.tile(np.arange(len(group)), moving.sum())
             each = self._with_known(np.repeat(parameters[moving], len(group), axis=0))
@@ -291,12 +291,15 @@ class Simulator:
             self.rollouts += len(group)
         return Simulated(outputs, diverged)
 
-    def cost_of_near(self, windows: int, driven: int) -> float:
-        """Of `simulate_near` with so many candidates that have other parameters, in simulations of one window; inf
-        where forces keep what is not in the state.
+    def near_is_cheaper(self, parameters: np.ndarray, corrections: np.ndarray) -> bool:
+        """Whether `simulate_near`, and a simulation of each window to check it, takes less than `simulate`. Not where
+        forces keep what is not in the state: there it is wrong.
         """
-        keeps = any(own.effect.states and own.effect.place == "force" for own in self._placed)
-        return np.inf if keeps else cost(windows, self._own_states, driven)
+        if any(own.effect.states and own.effect.place == "force" for own in self._placed):
+            return False
+        windows, driven = corrections.shape[1], (parameters != parameters[0]).any(axis=1).sum()
+        near = cost(windows, self._own_states, driven) + windows
+        return _moving(parameters, corrections).sum() * windows > near
 
     def _near_at_a_time(self, windows: Windows, candidates: int) -> list[np.ndarray]:
         """Numbers of windows that are simulated at a time, under so many candidates that differ little."""
@@ -575,6 +578,11 @@ class Simulator:
         """By how much controls before an episode began differed from its first, (simulation, nu)."""
         change = np.zeros((len(hidden), self.task.model.nu))
         return sum((own.effect.before(hidden[:, own.states]) for own in self._placed), change)
+
+
+def _moving(parameters: np.ndarray, corrections: np.ndarray) -> np.ndarray:
+    """Which candidates differ from the first, (candidate,)."""
+    return (parameters != parameters[0]).any(axis=1) | (corrections != corrections[0]).any(axis=(1, 2))
 
 
 def _driven(each: np.ndarray, hidden: np.ndarray, candidates: int) -> np.ndarray:

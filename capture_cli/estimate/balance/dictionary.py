@@ -18,15 +18,14 @@ from capture_cli.model.effects.placed import Placed
 @dataclass(frozen=True)
 class DictionarySettings:
     """shapes: values of one nonlinear parameter; shapes_of_several: of each where there are two, and of more one in the
-    middle, for the fit moves them. most_shapes: with those that are taken between neighbours whose columns have a
-    cosine below `near`. periods: of a force that repeats. step: of an amplitude's range, at which a column
-    is taken; far_steps: of effects that remember; same_way: the cosine of columns at the first and at the last step
-    beyond which none is taken between. beyond_onset: of effects with a threshold, below which they do nothing,
-    likewise: of the range from where they begin to; and halvings: by which that is found. known: of its range, how
-    large an amplitude may be beforehand, a standard deviation: ranges are guesses, but within some times. largest:
-    acceleration by a step, over the largest that the model predicts: what is beyond it has run away. linear: of what an
-    effect does, by which a step and its reverse may differ to be one column. rounding: of the largest that the model
-    predicts, below which a column is none.
+    middle, for the fit moves them; most_shapes: with those between neighbours whose columns have a cosine below `near`.
+    periods: of a force that repeats. step: of an amplitude's range, at which a column is taken; far_steps: of effects
+    that remember; same_way: the cosine of columns at the first and at the last step beyond which none is taken between.
+    beyond_onset: of effects with a threshold, below which they do nothing, likewise: of the range from where they begin
+    to; and halvings: by which that is found. known: of its range, how large an amplitude may be beforehand, a standard
+    deviation: ranges are guesses, but within some times. largest: acceleration by a step, over the largest that the
+    model predicts: what is beyond it has run away. linear: of what an effect does, by which a step and its reverse may
+    differ to be one column. rounding: of the largest that the model predicts, below which a column is none.
     """
 
     shapes: int = 6
@@ -144,7 +143,7 @@ def atoms(
         return
     points, shares = _shapes(effect, settings), _shares(effect, settings)
     found = _usable(balance, placed, points, amplitudes, shares, settings)
-    if _may_saturate(effect) and not _do_the_same(found, settings):
+    if _may_saturate(effect) and not _do_the_same(found, shares, settings):
         between = (-settings.step, *settings.far_steps[:-1])
         found += _usable(balance, placed, points, amplitudes, between, settings)
         shares += between
@@ -208,7 +207,8 @@ def _resolved(
     4. At one step where the known columns are the same at all `shares` but for their size and sign.
     """
     count, found = len({atom.values.tobytes() for atom, _ in known}), []
-    steps = shares[:1] if _go_one_way(known, shares, settings) else shares
+    alike = np.abs(_cosines(known, shares[0])) > settings.same_way
+    steps = shares[:1] if alike.all() else shares
     while count < settings.most_shapes:
         near = [own for own in (*known, *found) if own[0].share == shares[0]]
         more = _between_neighbours(placed.effect, near, settings)[: settings.most_shapes - count]
@@ -217,19 +217,6 @@ def _resolved(
         count += len(more)
         found += _usable(balance, placed, more, amplitudes, steps, settings)
     return found
-
-
-def _go_one_way(
-    found: Sequence[tuple[Atom, list[Accelerations]]], shares: Sequence[float], settings: DictionarySettings
-) -> bool:
-    """Whether at each shape columns at all steps are those at the first, but for their size and sign."""
-    first = {a.values.tobytes(): columns for a, columns in found if a.share == shares[0]}
-    pairs = [(first.get(a.values.tobytes(), ()), columns) for a, columns in found]
-    return all(len(one) == len(other) for one, other in pairs) and all(
-        abs(similarity(a.predicted.ravel(), b.predicted.ravel())) > settings.same_way
-        for one, other in pairs
-        for a, b in zip(one, other, strict=True)
-    )
 
 
 def _between_neighbours(
@@ -313,15 +300,26 @@ def _may_saturate(effect: Effect) -> bool:
     return may and bool(effect.states or effect.remembers)
 
 
-def _do_the_same(found: Sequence[tuple[Atom, list[Accelerations]]], settings: DictionarySettings) -> bool:
-    """Whether each column at the near step has one at the far step that goes its way."""
-    times = settings.far_steps[-1] / settings.step
-    pairs = [(near, far) for near in found for far in found if far[0].is_times(near[0], times)]
-    return 2 * len(pairs) == len(found) and all(
-        similarity(a.predicted.ravel(), b.predicted.ravel()) > settings.same_way
-        for (_, near), (_, far) in pairs
-        for a, b in zip(near, far, strict=True)
+def _cosines(found: Sequence[tuple[Atom, list[Accelerations]]], share: float) -> np.ndarray:
+    """Of each column with that of its shape at the step `share`, (column,); 0 where there is none."""
+    first = {atom.values.tobytes(): columns for atom, columns in found if atom.share == share}
+    return np.array(
+        [
+            similarity(one.predicted.ravel(), other.predicted.ravel()) if one else 0.0
+            for atom, columns in found
+            for one, other in zip(
+                first.get(atom.values.tobytes(), [None] * len(columns)), columns, strict=True
+            )
+        ]
     )
+
+
+def _do_the_same(
+    found: Sequence[tuple[Atom, list[Accelerations]]], shares: Sequence[float], settings: DictionarySettings
+) -> bool:
+    """Whether each column at the first of these steps has one at each of the others that goes its way."""
+    complete = len(found) == len(shares) * sum(atom.share == shares[0] for atom, _ in found)
+    return complete and bool((_cosines(found, shares[0]) > settings.same_way).all())
 
 
 def _is_reverse(columns: Sequence[Accelerations], others: Sequence[Accelerations], tolerance: float) -> bool:

@@ -174,7 +174,7 @@ def by_physics(
         **told,
     )
     progress.doing(f"{what}, round 1 of at most {rounds}")
-    best = run(solver, partial(part.answer, simulator), on_round)
+    best = run(solver, partial(part.evaluate, simulator), on_round)
     if not np.isfinite(best.error):
         raise all_diverged(fits.prepared.task)
     ran_out = not (solver.at_rest or idle)
