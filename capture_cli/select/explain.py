@@ -175,8 +175,10 @@ class _Closing:
 
     @property
     def after_search(self) -> float:
-        """s, with a refit, and a descent beside it, which shows whether the error has other minima."""
-        return 2 * self.refit + self.after_refit
+        """s, with a refit, and a descent beside it, which shows whether the error has other minima. What was fitted to
+        first order is linearized once more in its refit than the declared model, which was not.
+        """
+        return 3 * self.refit + self.after_refit
 
 
 class _Protocol:

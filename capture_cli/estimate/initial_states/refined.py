@@ -208,7 +208,8 @@ def _settled(
     objectives that are known to be possible; a descent that does not promise to get there after `patience` rounds ends.
     """
     every = np.arange(len(corrections))
-    outputs, diverged = evaluate(every, _columns(data, corrections))
+    near = not data.rough
+    outputs, diverged = evaluate(every, columns(data, NO_PARAMETERS, corrections, near=near))
     best = Linearization.from_columns(data, NO_PARAMETERS, corrections, outputs, diverged)
     active, better, damping = every, ~diverged[0], np.zeros(len(corrections))
     for number in range(SETTINGS.rounds - 1):
@@ -247,11 +248,9 @@ def _moved(
     if not which.size:
         return best, better
     own = best.data.rows(which)
-    outputs, diverged = evaluate(which, _columns(own, corrections[better]))
+    differences = columns(own, NO_PARAMETERS, corrections[better]).but_first
+    moved, lost = evaluate(which, differences)
+    outputs = np.concatenate([outputs[:, better], moved])
+    diverged = np.concatenate([diverged[:, better], lost])
     at = Linearization.from_columns(own, NO_PARAMETERS, corrections[better], outputs, diverged)
     return best.with_windows(which, at), better
-
-
-def _columns(data: Data, corrections: np.ndarray) -> Trial:
-    """Differences by initial states about `corrections` (window, state)."""
-    return columns(data, NO_PARAMETERS, corrections, near=not data.rough)

@@ -150,6 +150,11 @@ class Trial:
     def __len__(self) -> int:
         return len(self.parameters)
 
+    @property
+    def but_first(self) -> Trial:
+        """Without its first candidate."""
+        return Trial(self.parameters[1:], self.corrections[1:])
+
 
 def columns(
     data: Data,
