@@ -29,7 +29,7 @@ from scipy.interpolate import CubicSpline
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.dry_friction import dry_friction
 from capture_cli.estimate.balance.motion import SmoothedLog
-from capture_cli.estimate.balance.recorded_world import AT_JOINTS, RecordedWorld
+from capture_cli.estimate.balance.recorded_world import AT_JOINTS, OF_INERTIA, RecordedWorld
 from capture_cli.estimate.balance.resting import mass_matrix
 from capture_cli.estimate.balance.trees import in_whole_trees, inverse_of, solved
 from capture_cli.log.input_sequences import Hold, LoggedInputs
@@ -46,13 +46,15 @@ from capture_cli.model.world import APPLIED, World
 class SETTINGS:
     """step: of a parameter's range, in differences. touches: of the model's extent, nearer than which bodies touch, for
     a stiff contact chatters. none: standard deviations of a velocity, below which it may be none. resting: half periods
-    of the fastest motion that is smoothed, for which it is then at rest: a turning point is shorter.
+    of the fastest motion that is smoothed, for which it is then at rest: a turning point is shorter. lanes: points
+    whose accelerations are solved for at a time.
     """
 
     step: float = 1e-3
     touches: float = 1e-4
     none: float = 3.0
     resting: float = 2.0
+    lanes: int = 1 << 15
 
 
 # A step works out a from the velocity that it begins with, and q(t+h) - 2 q(t) + q(t-h) is h^2 a(t): that velocity,
@@ -739,8 +741,9 @@ class ForceBalance:
         _, qvel, qacc = self.state
         world = RecordedWorld(self._model, self._recorded, index)
         applied, friction, damping = world.qfrc_applied, *(world.vary(name) for name in AT_JOINTS)
+        armature = world.vary(OF_INERTIA[0])
         own_damping, mean = self._model.dof_damping, qvel + 0.5 * self._model.opt.timestep * qacc
-        acts, loss = (np.zeros((index.shape[1], len(index), self._model.nv)) for _ in range(2))
+        acts, loss, heavier = (np.zeros((index.shape[1], len(index), self._model.nv)) for _ in range(3))
         for step, here in enumerate(index.T):
             world.go_to(step)
             force(world)
@@ -748,7 +751,28 @@ class ForceBalance:
                 return None
             acts[step] = applied - (damping - own_damping) * mean[here]
             loss[step] = friction
-        return self._led(acts, loss, index)
+            heavier[step] = armature - self._model.dof_armature
+        if not heavier.any():
+            return self._led(acts, loss, index)
+        led = self._led_with_inertia(
+            *(values.reshape(-1, self._model.nv) for values in (acts, loss, heavier)), index.T.ravel()
+        )
+        return led.reshape(acts.shape)
+
+    def _led_with_inertia(
+        self, acts: np.ndarray, loss: np.ndarray, heavier: np.ndarray, index: np.ndarray
+    ) -> np.ndarray:
+        """Accelerations (lane, nv) by forces `acts` at the points `index` (lane,), with frictionloss `loss`, where the
+        inertia of each coordinate is larger by `heavier`, (lane, nv) each.
+        """
+        parts = []
+        for some in np.array_split(np.arange(len(index)), -(-len(index) // SETTINGS.lanes)):
+            here = index[some]
+            inertia = self._null.inertia[here]
+            inertia[:, self._model.M_rowadr + self._model.M_rownnz - 1] += heavier[some]  # a row ends with its own
+            free = self._accelerated(acts[some], loss[some], inertia, here)
+            parts.append(self._resting(free, self._null.pushed[here]) - self.null.predicted[here])
+        return np.concatenate(parts)
 
     def _led(self, acts: np.ndarray, loss: np.ndarray, index: np.ndarray) -> np.ndarray:
         """Accelerations (step, lane, nv) by forces `acts`, with frictionloss `loss`, both (step, lane, nv)."""

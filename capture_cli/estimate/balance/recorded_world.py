@@ -10,8 +10,9 @@ from mujoco import batch
 
 from capture_cli.model.world import APPLIED
 
-# fields whose change is a force at the joint, without a calculation
+# fields whose change is a force at the joint, or inertia of it alone: neither takes a calculation by MuJoCo
 AT_JOINTS = ("dof_frictionloss", "dof_damping")
+OF_INERTIA = ("dof_armature", "dof_M0")
 
 
 class RecordedWorld:
@@ -52,7 +53,7 @@ class RecordedWorld:
     @property
     def is_changed_elsewhere(self) -> bool:
         """Whether the force changes anything but what joints feel."""
-        return self.changes(but=(APPLIED[0], *AT_JOINTS))
+        return self.changes(but=(APPLIED[0], *AT_JOINTS, *OF_INERTIA))
 
     def changes(self, but: Sequence[str]) -> bool:
         """Whether the force changes anything but these fields."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline, interp1d
+from scipy.interpolate import CubicSpline
 
 from capture_cli.common.frozen import frozen
 from capture_cli.common.recursive_filter import recursively_filtered
@@ -237,6 +237,20 @@ class Shaken:
         """
         found, displaced = np.zeros((2, *self.path.shape)), np.zeros(len(self.path))
         turning = 2 / timestep * np.arctan(np.pi * frequency * timestep)
+        for steps, even, x, begun in self._finer:
+            place, speed = swings_after(even, x, turning, damping_ratio, begun)
+            time = self.time[steps]
+            found[0, steps] = _on_even(even, place, time)
+            found[1, steps] = _on_even(even, speed, time - timestep / 2)
+            displaced[steps] = _on_even(even, (place - x) @ self.weights, time)
+        return found, self._off(frequency, damping_ratio), float(np.sqrt(np.mean(displaced**2)))
+
+    @cached_property
+    def _finer(self) -> list[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
+        """Of stretches in which anything was measured: their steps, times at even distances, from the first sample on,
+        x there (time, part), held after the last, and `begun` (part,).
+        """
+        found = []
         for steps, begun in zip(self.stretches, self.begun, strict=True):
             time, path = self.time[steps], self.path[steps]
             measured = np.isfinite(path).all(axis=1)
@@ -245,11 +259,16 @@ class Shaken:
             begins, ends = time[measured][[0, -1]]
             even = np.linspace(begins, time[-1], SETTINGS.finer * len(time))
             x = CubicSpline(time[measured], path[measured])(np.minimum(even, ends))
-            place, speed = swings_after(even, x, turning, damping_ratio, begun)
-            found[0, steps] = interp1d(even, place, axis=0)(np.maximum(time, begins))
-            found[1, steps] = interp1d(even, speed, axis=0)(np.maximum(time - timestep / 2, begins))
-            displaced[steps] = np.interp(time, even, (place - x) @ self.weights)
-        return found, self._off(frequency, damping_ratio), float(np.sqrt(np.mean(displaced**2)))
+            found.append((steps, even, x, begun))
+        return found
+
+
+def _on_even(even: np.ndarray, values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Values (even, ...) at even times, s, straight between them at `time` (step,); the first before them."""
+    at = np.clip((time - even[0]) / (even[1] - even[0]), 0, len(even) - 1)
+    before = np.minimum(at.astype(int), len(even) - 2)
+    share = (at - before).reshape(-1, *[1] * (values.ndim - 1))
+    return values[before] + share * (values[before + 1] - values[before])
 
 
 def swings_after(
