@@ -386,3 +386,41 @@ def test_a_loose_mass_begins_as_the_log_shook_it_and_so_stands_in_for_nothing_el
         assert fit.point[fit.columns(loose.name)] == pytest.approx(truth[-3:], rel=0.02)
     else:
         assert fit.error > 0.8 * declared.error
+
+
+@pytest.fixture(scope="module")
+def coulomb(tmp_path_factory) -> tuple[ModelFits, Fit, PreparedLog]:
+    """Fits of a slider with dry friction, and the declared one, which lacks it."""
+    prepared, truth = planted(tmp_path_factory.mktemp("coulomb"), "coulomb-friction@x.friction=2")
+    fits = ModelFits(prepared, 1)
+    declared = fits.fit(prepared, [], truth[: len(prepared.task.space)], effort=Effort(tolerance=FIT.exact))
+    return fits, declared, prepared
+
+
+def _beside(declared: Fit, fits: ModelFits, name: str, site: str, material: float) -> tuple[Fit, int]:
+    """The fit with an effect begun at a third of its range, and how many windows it took."""
+    effect = REGISTRY.get(name)(fits.prepared.task.model, site)
+    own = effect.space.nominal + 0.3 * (effect.space.high - effect.space.nominal)
+    start, before = np.concatenate([declared.point, own]), fits.rollouts
+    effort = Effort(material=material)
+    fit = fits.fit(fits.prepared, [Placed(f"{name}@{site}", effect)], start, near=declared, effort=effort)
+    return fit, fits.rollouts - before
+
+
+def test_an_effect_whose_score_test_promises_too_little_is_not_fitted(coulomb):
+    fits, declared, prepared = coulomb
+    slight, few = _beside(declared, fits, "quadratic-drag", "x", 0.5 * declared.error)
+    assert not slight.finished
+    assert slight.error == pytest.approx(declared.error)
+    assert few <= 2 * len(prepared.windows)
+    whole, many = _beside(declared, fits, "quadratic-drag", "x", np.inf)
+    assert whole.finished and many > 4 * few
+    assert whole.error > 0.5 * declared.error  # it was right to promise little
+    found, _ = _beside(declared, fits, "coulomb-friction", "x", 0.5 * declared.error)
+    assert found.finished and found.error < 1.1
+
+
+def test_what_begins_at_a_threshold_has_no_score_test_and_is_fitted(coulomb):
+    fits, declared, prepared = coulomb
+    fit, many = _beside(declared, fits, "control-saturation", "drive", 0.5 * declared.error)
+    assert many > 4 * len(prepared.windows)

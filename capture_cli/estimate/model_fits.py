@@ -48,7 +48,8 @@ class Effort:
     rival: a fit of the same part; this one is stopped early where it stays far behind, less early where it has fewer
     parameters: of two that do as well it would be the better. to_reach: the error that is asked of it; it is stopped,
     less early, where it stays far above. needed: the error above which the model is of no use; it is stopped where it
-    does not promise to get there. escapes: whether poor minima that contacts or hidden states make are escaped from.
+    does not promise to get there. material: the error that effects have to promise by their score test where they come
+    in. escapes: whether poor minima that contacts or hidden states make are escaped from.
     """
 
     rounds: int = SETTINGS.fit_rounds
@@ -58,6 +59,7 @@ class Effort:
     rival: Fit | None = None
     to_reach: float = np.inf
     needed: float = np.inf
+    material: float = np.inf
     escapes: bool = True
 
 
@@ -109,10 +111,15 @@ class ModelFits:
         near: another fit of the same part. This one begins with its initial states of windows and, where they are
         better than those of `start`, its values, as far as they concern the declared parameters and the effects that
         both have; and with its sensitivities, of the effects that both begin with, until it measures its own. Where
-        `near` lacks some of the effects and this one ends above it, it is begun again at it. corrections (window,
-        state): of the initial states, where they begin, if not where `near` has them.
+        `near` lacks some of the effects it ends there if their score test promises too little; and if this one ends
+        above it, it is begun again at it. corrections (window, state): of the initial states, where they begin, if not
+        where `near` has them.
         """
         new, theirs = effects, () if near is None else near.effects
+        added = _not_in(theirs, effects)
+        is_smaller = near is not None and added and not _not_in(effects, theirs)
+        if is_smaller and (slight := self._slight_at_null(near, part, effects, start, effort)):
+            return slight
         if corrections is None and near is not None:
             corrections = near.corrections
         if corrections is not None:
@@ -121,11 +128,9 @@ class ModelFits:
             start, corrections = self._nearer(
                 part, effects, points, [transferred, np.zeros_like(transferred)]
             )
-            new = _not_in(theirs, effects)
+            new = added
         corrections = self._with_states_found(part, effects, start, corrections, new)
         fit = self._descended(part, effects, start, corrections, effort, near)
-        added = _not_in(theirs, effects)
-        is_smaller = near is not None and added and not _not_in(effects, theirs)
         if is_smaller and (fit is None or fit.error > near.error):
             fit = least([fit, self._descended_from(near, part, effects, start, effort)])
         tried = searched(added)
@@ -160,8 +165,45 @@ class ModelFits:
     def _descended_from(
         self, near: Fit, part: PreparedLog, effects: Sequence[Placed], start: np.ndarray, effort: Effort
     ) -> Fit | None:
-        """The fit of a model with `effects` that begins at `near`, which lacks some of them: these are as large as
-        where there is none, with their shapes as in `start` (parameter,).
+        """The fit of a model with `effects` that begins at `near`, which lacks some of them."""
+        begin = self._with_null(near, effects, start)
+        return self._descended(part, effects, *begin, effort, near, at_minimum=True)
+
+    def _slight_at_null(
+        self, near: Fit, part: PreparedLog, effects: Sequence[Placed], start: np.ndarray, effort: Effort
+    ) -> Fit | None:
+        """The model with `effects` at `near`, which lacks some of them, where their score test does not promise what is
+        `material`: of the gain of the linearization with them, what that of `near` does not have. None where it does,
+        or says nothing: what jumps, or begins at a threshold, has no slope.
+        """
+        added = _not_in(near.effects, effects)
+        jumps = part.difference_step or any(e.effect.has_threshold or e.effect.difference_step for e in added)
+        if jumps or not np.isfinite(effort.material):
+            return None
+        point, corrections = self._with_null(near, effects, start)
+        simulator = self.simulator(effects)
+        data = part.data(simulator)
+        known = self._known(near, effects, data, at_minimum=True)
+        x = simulator.space.to_unit(point)
+        trial = columns(data, x, corrections, known=known, near=not data.rough)
+        outputs, diverged, *_ = part.answer(simulator, trial)
+        at = Linearization.from_columns(data, x, corrections, outputs, diverged)
+        if known is not None:
+            at = known.completed(at)
+        shows = at.by_parameter.any(axis=(0, 1))
+        if not all(shows[own].any() for placed, own in self._parameters(effects) if placed in added):
+            return None
+        gain = at.whole_gain(at.inflation) - near.at.whole_gain(at.inflation)
+        if near.error**2 - gain / data.count <= effort.material**2:
+            return None
+        best = Best(point, corrections, near.error)
+        return replace(self.at(part, effects, best, at, measured=False), finished=False)
+
+    def _with_null(
+        self, near: Fit, effects: Sequence[Placed], start: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters (parameter,) and corrections (window, state) of `near` with those of the `effects` that it lacks:
+        as large as where there is none, with their shapes as in `start` (parameter,).
         """
         point, known = self.as_near(near, effects, start), {e.name for e in near.effects}
         for placed, own in self._parameters(effects):
@@ -169,8 +211,7 @@ class ModelFits:
                 effect = placed.effect
                 is_shape = [p.name in effect.shapes for p in effect.parameters]
                 point[own] = np.where(is_shape, point[own], effect.space.nominal)
-        corrections = self._transferred(near.corrections, near.effects, effects)
-        return self._descended(part, effects, point, corrections, effort, near)
+        return point, self._transferred(near.corrections, near.effects, effects)
 
     def _parameters(self, effects: Sequence[Placed]) -> Iterator[tuple[Placed, slice]]:
         """Each effect, and which of the model's parameters are its own."""
@@ -235,8 +276,12 @@ class ModelFits:
         corrections: np.ndarray | None,
         effort: Effort,
         near: Fit | None = None,
+        *,
+        at_minimum: bool = False,
     ) -> Fit | None:
-        """Where least squares from `start` (parameter,) and `corrections` (window, state) ends; as `fit`."""
+        """Where least squares from `start` (parameter,) and `corrections` (window, state) ends; as `fit`. at_minimum:
+        whether that is where `near` ended, with what it lacks at null.
+        """
         rival, to_reach, tolerance = effort.rival, effort.to_reach, effort.tolerance
         simulator = self.simulator(effects)
         data = part.data(simulator)
@@ -249,7 +294,7 @@ class ModelFits:
             data,
             start=start,
             corrections=corrections,
-            known=None if near is None else self._known(near, effects, data),
+            known=None if near is None else self._known(near, effects, data, at_minimum=at_minimum),
             starts=effort.starts,
             rounds=effort.rounds,
             tolerance=tolerance,
@@ -265,11 +310,11 @@ class ModelFits:
             fit, finished=not (solver.stopped_early or fit.error > LEAST_SQUARES.hopeless * to_beat)
         )
 
-    def _known(self, near: Fit, effects: Sequence[Placed], data: Data) -> Known | None:
+    def _known(self, near: Fit, effects: Sequence[Placed], data: Data, *, at_minimum: bool) -> Known | None:
         """What `near` says of the sensitivities of a model with `effects`."""
         same = _in_common(near.effects, effects)
         known = near.at.known_in(data, self.parameter_count(same), self._state_count(same))
-        return known and replace(known, updates=known.updates + 1)
+        return known and replace(known, updates=known.updates + 1, at_minimum=at_minimum)
 
     def parameter_count(self, effects: Sequence[Placed]) -> int:
         """How many parameters the task has with `effects`."""

@@ -195,8 +195,9 @@ class BalanceRound:
             return []
         rival, to_explain = self._best, of_held and not _is_one_law(added)
         to_reach = lack_of_fit(self.current.at).threshold if to_explain else np.inf
-        needed = min(needed_error(smaller, REJECTION.material), self.useful_error, to_reach)
-        effort = Effort(rival=rival, to_reach=to_reach, needed=needed, escapes=False)
+        material = needed_error(smaller, REJECTION.material)
+        needed = min(material, self.useful_error, to_reach)
+        effort = Effort(rival=rival, to_reach=to_reach, needed=needed, material=material, escapes=False)
         fit = self.models.fit(model.effects, model.start, self.current, effort)
         reason = self._unfit(fit, added, smaller, to_explain) or self._unsupported(fit, added)
         if not reason:

@@ -769,7 +769,9 @@ class ForceBalance:
         for some in np.array_split(np.arange(len(index)), -(-len(index) // SETTINGS.lanes)):
             here = index[some]
             inertia = self._null.inertia[here]
-            inertia[:, self._model.M_rowadr + self._model.M_rownnz - 1] += heavier[some]  # a row ends with its own
+            inertia[:, self._model.M_rowadr + self._model.M_rownnz - 1] += heavier[
+                some
+            ]  # a row ends with its own
             free = self._accelerated(acts[some], loss[some], inertia, here)
             parts.append(self._resting(free, self._null.pushed[here]) - self.null.predicted[here])
         return np.concatenate(parts)

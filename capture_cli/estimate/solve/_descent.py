@@ -94,7 +94,8 @@ class Descent:
         self._tried = ()  # the step that windows are asked for again with
         self._failed = 0
         self._vain = 0
-        self._searches = SETTINGS.searches
+        # where a smaller model has its minimum other initial states were looked for
+        self._searches = 0 if known is not None and known.at_minimum else SETTINGS.searches
         self._errors: list[float] = []  # after each round
         self._promises: list[float] = []  # the least error by each linearization that was measured
         self._since = np.inf  # the objective at the last of them
@@ -234,6 +235,8 @@ class Descent:
     def _accept(self, there: Linearization, gained: float) -> None:
         self._vain = self._vain + 1 if self._failed and gained < self._lost else 0
         self._failed = 0
+        if self._moves == 1:
+            self._searches = SETTINGS.searches
         self._radius = min(2 * self._radius, 1.0)
         self._move(there)
         if self._vain == SETTINGS.most_vain:
@@ -317,12 +320,7 @@ class Descent:
         self.error = float(np.sqrt(np.square(there.residual).sum() / self.data.count))
         if not there.updates:
             self._since = float(there.objectives(self._k).sum())
-            self._promises.append(self._least_error())
-
-    def _least_error(self) -> float:
-        """Of the linearization, within the unit cube."""
-        dx, k = self._at.whole_step, self._k
-        return self._error_after(self._at.predicted_gain(dx, self._at.corrections_after(dx, k), k))
+            self._promises.append(self._error_after(self._at.whole_gain(self._k)))
 
     def _error_after(self, gain: float) -> float:
         """The error where the objective is lower by `gain`."""

@@ -195,7 +195,8 @@ class Known:
     """Sensitivities that were measured elsewhere, by another model or with fewer initial states that may move.
 
     parameters (parameter,), initial (window, state): which. by_parameter (window, row, parameter) and by_initial
-    (window, row, movable state), 0 for the others. updates: as of a linearization.
+    (window, row, movable state), 0 for the others. updates: as of a linearization. at_minimum: whether a smaller
+    model has its minimum where the descent begins, with what it lacks at null.
     """
 
     parameters: np.ndarray
@@ -203,6 +204,7 @@ class Known:
     by_parameter: np.ndarray
     by_initial: np.ndarray
     updates: int
+    at_minimum: bool = False
 
     def completed(self, measured: Linearization) -> Linearization:
         """The linearization with these, from one in which what is known did not move."""
@@ -403,6 +405,11 @@ class Linearization:
     def whole_step(self) -> np.ndarray:
         """The parameter step (parameter,), in the unit cube, to where the linearization is lowest within it."""
         return self.bounded_step(self.inflation, -self.x, 1 - self.x)
+
+    def whole_gain(self, k: float) -> float:
+        """How much the objective should fall by the whole step."""
+        dx = self.whole_step
+        return self.predicted_gain(dx, self.corrections_after(dx, k), k)
 
     def bounded_step(
         self, k: float, low: np.ndarray, high: np.ndarray, damping: np.ndarray | float = 0.0
