@@ -422,5 +422,5 @@ def test_an_effect_whose_score_test_promises_too_little_is_not_fitted(coulomb):
 
 def test_what_begins_at_a_threshold_has_no_score_test_and_is_fitted(coulomb):
     fits, declared, prepared = coulomb
-    fit, many = _beside(declared, fits, "control-saturation", "drive", 0.5 * declared.error)
+    _, many = _beside(declared, fits, "control-saturation", "drive", 0.5 * declared.error)
     assert many > 4 * len(prepared.windows)
