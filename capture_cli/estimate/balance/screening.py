@@ -30,7 +30,8 @@ from capture_cli.model.effects.placed import Placed
 @dataclass(frozen=True)
 class ScreeningSettings:
     """blocks: that are left out in turn. polished: of the best additions, whose nonlinear parameters are fitted in the
-    balance; more are, so many times as many at most, until as many predict better than the next one's columns.
+    balance; more are, so many times as many at most, until as many predict better than the next one's columns;
+    polished_for_best: where one is asked for.
     descents: of such a fit, where parameters are nonlinear, and straight where they are not. far: its longest
     step, of a range; shortest: at which it stops early. difference: of a range, in differences of effects. at_once:
     atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. alike: cosine of
@@ -42,6 +43,7 @@ class ScreeningSettings:
     blocks: int = 12
     polished: int = 8
     most_polished: int = 3
+    polished_for_best: int = 2
     descents: int = 5
     straight: int = 2
     far: float = 0.3
@@ -212,7 +214,10 @@ class Screening:
                 break
             addition, *rest = rest
             tried += 1
-            begun = [self.fitted(m) for m in (addition.model, addition.elsewhere) if m is not None]
+            begun = self.remembered(
+                ("polished", begin.key, addition.placed.name),
+                lambda a=addition: [self.fitted(m) for m in (a.model, a.elsewhere) if m is not None],
+            )
             gains = [m.gain(model) for m in begun]
             best = int(np.argmax([g if np.isfinite(g) else -np.inf for g, _ in gains]))
             more, (gain, error) = begun[best], gains[best]
@@ -271,7 +276,7 @@ class Screening:
 
     def best(self) -> BalancedModel:
         """The declared model, or that with the one effect that predicts most."""
-        declared, additions = self._fitted_and_additions((), ())
+        declared, additions = self._fitted_and_additions((), (), self.settings.polished_for_best)
         added = [a.model for a in additions if a.model.likelihood.size]
         return max([declared, *added], key=lambda m: m.likelihood.sum())
 
