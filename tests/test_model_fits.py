@@ -411,6 +411,7 @@ def test_an_effect_whose_score_test_promises_too_little_is_not_fitted(coulomb):
     fits, declared, prepared = coulomb
     slight, few = _beside(declared, fits, "quadratic-drag", "x", 0.5 * declared.error)
     assert not slight.finished
+    assert 0.5 * declared.error < slight.promised <= declared.error
     assert slight.error == pytest.approx(declared.error)
     assert few <= 2 * len(prepared.windows)
     whole, many = _beside(declared, fits, "quadratic-drag", "x", np.inf)

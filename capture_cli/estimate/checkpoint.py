@@ -123,8 +123,8 @@ def _of_fit(fit: Fit | None) -> Values:
         return {}
     values = {
         "point": fit.point,
-        "finished": fit.finished,
-        **what_is_there(fit.at, ("x", "corrections", "residual")),
+        **what_is_there(fit, ("finished", "promised")),
+        **what_is_there(fit.at, ("x", "corrections", "residual", "updates", "exact")),
     }
     slopes = {n: np.moveaxis(getattr(fit.at, n), -1, 0) for n in ("by_parameter", "by_initial")}
     return {**values, **slopes}
@@ -136,5 +136,6 @@ def _as_fit(values: Values, fits: ModelFits, part: PreparedLog, effects: Sequenc
     simulator = fits.simulator(effects)
     slopes = [np.moveaxis(values[n], 0, -1) for n in ("by_parameter", "by_initial")]
     found = (values[n] for n in ("x", "corrections", "residual"))
-    at = Linearization(part.data(simulator), *found, *slopes)
-    return Fit(tuple(effects), simulator.space, values["point"], at, values["finished"])
+    at = Linearization(part.data(simulator), *found, *slopes, values["updates"], values["exact"])
+    stopped = values["finished"], values.get("promised")
+    return Fit(tuple(effects), simulator.space, values["point"], at, *stopped)

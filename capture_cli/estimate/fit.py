@@ -34,7 +34,8 @@ class SETTINGS:
 class Fit:
     """A fitted model: its effects, space and point (parameter,), and its linearization on the part it was fitted to.
 
-    finished: False where it was stopped early, behind a rival.
+    finished: False where it was stopped early, behind a rival. promised: the error that its score test promises, where
+    it was not fitted for promising too little.
     """
 
     effects: tuple[Placed, ...]
@@ -42,6 +43,7 @@ class Fit:
     point: np.ndarray
     at: Linearization
     finished: bool = True
+    promised: float | None = None
 
     def columns(self, name: str) -> slice:
         """Which of its parameters are those of the effect that is called `name`. Raises KeyError."""

@@ -194,10 +194,11 @@ class ModelFits:
         if not all(shows[own].any() for placed, own in self._parameters(effects) if placed in added):
             return None
         gain = at.whole_gain(at.inflation) - near.at.whole_gain(at.inflation)
-        if near.error**2 - gain / data.count <= effort.material**2:
+        promised = float(np.sqrt(max(near.error**2 - gain / data.count, 0.0)))
+        if promised <= effort.material:
             return None
-        best = Best(point, corrections, near.error)
-        return replace(self.at(part, effects, best, at, measured=False), finished=False)
+        found = self.at(part, effects, Best(point, corrections, near.error), at, measured=False)
+        return replace(found, finished=False, promised=promised)
 
     def _with_null(
         self, near: Fit, effects: Sequence[Placed], start: np.ndarray

@@ -75,6 +75,8 @@ def needed_error(current: Fit, material: float) -> float:
 
 def no_gain(current: Fit, fit: Fit | None, rival: Fit | None) -> str | None:
     """Why `fit` explains no more than `current`, or None; rival: behind which it may have been stopped early."""
+    if fit is not None and fit.promised is not None:
+        return f"its score test promises {fit.promised:.4g} noise floors where {current.error:.4g} are left: too little"
     if fit is not None and fit.penalised_squares < current.penalised_squares:
         return None
     if fit is not None and not fit.finished and rival is not None:
