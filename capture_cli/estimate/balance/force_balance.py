@@ -765,13 +765,14 @@ class ForceBalance:
         """Accelerations (lane, nv) by forces `acts` at the points `index` (lane,), with frictionloss `loss`, where the
         inertia of each coordinate is larger by `heavier`, (lane, nv) each.
         """
-        parts = []
+        parts, diagonal = (
+            [],
+            self._model.M_rowadr + self._model.M_rownnz - 1,
+        )  # a row of mjData.M ends with its own
         for some in np.array_split(np.arange(len(index)), -(-len(index) // SETTINGS.lanes)):
             here = index[some]
             inertia = self._null.inertia[here]
-            inertia[:, self._model.M_rowadr + self._model.M_rownnz - 1] += heavier[
-                some
-            ]  # a row ends with its own
+            inertia[:, diagonal] += heavier[some]
             free = self._accelerated(acts[some], loss[some], inertia, here)
             parts.append(self._resting(free, self._null.pushed[here]) - self.null.predicted[here])
         return np.concatenate(parts)
