@@ -174,18 +174,20 @@ class ModelFits:
     ) -> Fit | None:
         """The model with `effects` at `near`, which lacks some of them, where their score test does not promise what is
         `material`: of the gain of the linearization with them, what that of `near` does not have. None where it does,
-        or says nothing: what jumps, or begins at a threshold, has no slope.
+        or says nothing: what begins at a threshold has no slope, and where outputs jump it is not kept, while fits with
+        more lead out of poor minima.
         """
         added = _not_in(near.effects, effects)
-        jumps = part.difference_step or any(e.effect.has_threshold or e.effect.difference_step for e in added)
-        if jumps or not np.isfinite(effort.material):
+        if not np.isfinite(effort.material) or any(e.effect.has_threshold for e in added):
             return None
-        point, corrections = self._with_null(near, effects, start)
         simulator = self.simulator(effects)
         data = part.data(simulator)
+        if data.rough:
+            return None
+        point, corrections = self._with_null(near, effects, start)
         known = self._known(near, effects, data, at_minimum=True)
         x = simulator.space.to_unit(point)
-        trial = columns(data, x, corrections, known=known, near=not data.rough)
+        trial = columns(data, x, corrections, known=known, near=True)
         outputs, diverged, *_ = part.answer(simulator, trial)
         at = Linearization.from_columns(data, x, corrections, outputs, diverged)
         if known is not None:
