@@ -49,7 +49,8 @@ class Effort:
     parameters: of two that do as well it would be the better. to_reach: the error that is asked of it; it is stopped,
     less early, where it stays far above. needed: the error above which the model is of no use; it is stopped where it
     does not promise to get there. material: the error that effects have to promise by their score test where they come
-    in. escapes: whether poor minima that contacts or hidden states make are escaped from.
+    in. at_minimum: whether it begins where a smaller model has its minimum. escapes: whether poor minima that contacts
+    or hidden states make are escaped from.
     """
 
     rounds: int = SETTINGS.fit_rounds
@@ -60,6 +61,7 @@ class Effort:
     to_reach: float = np.inf
     needed: float = np.inf
     material: float = np.inf
+    at_minimum: bool = False
     escapes: bool = True
 
 
@@ -167,7 +169,7 @@ class ModelFits:
     ) -> Fit | None:
         """The fit of a model with `effects` that begins at `near`, which lacks some of them."""
         begin = self._with_null(near, effects, start)
-        return self._descended(part, effects, *begin, effort, near, at_minimum=True)
+        return self._descended(part, effects, *begin, replace(effort, at_minimum=True), near)
 
     def _slight_at_null(
         self, near: Fit, part: PreparedLog, effects: Sequence[Placed], start: np.ndarray, effort: Effort
@@ -279,12 +281,8 @@ class ModelFits:
         corrections: np.ndarray | None,
         effort: Effort,
         near: Fit | None = None,
-        *,
-        at_minimum: bool = False,
     ) -> Fit | None:
-        """Where least squares from `start` (parameter,) and `corrections` (window, state) ends; as `fit`. at_minimum:
-        whether that is where `near` ended, with what it lacks at null.
-        """
+        """Where least squares from `start` (parameter,) and `corrections` (window, state) ends; as `fit`."""
         rival, to_reach, tolerance = effort.rival, effort.to_reach, effort.tolerance
         simulator = self.simulator(effects)
         data = part.data(simulator)
@@ -297,7 +295,7 @@ class ModelFits:
             data,
             start=start,
             corrections=corrections,
-            known=None if near is None else self._known(near, effects, data, at_minimum=at_minimum),
+            known=None if near is None else self._known(near, effects, data, at_minimum=effort.at_minimum),
             starts=effort.starts,
             rounds=effort.rounds,
             tolerance=tolerance,
