@@ -187,7 +187,7 @@ class ModelFits:
         if data.rough:
             return None
         point, corrections = self._with_null(near, effects, start)
-        known = self._known(near, effects, data, at_minimum=True)
+        known = self._known(near, effects, data)
         x = simulator.space.to_unit(point)
         trial = columns(data, x, corrections, known=known, near=True)
         outputs, diverged, *_ = part.answer(simulator, trial)
@@ -291,11 +291,12 @@ class ModelFits:
         to_beat = to_reach if rival is None else min(to_reach, rival.error)
         later = simpler or np.isfinite(to_reach)
         patience = LEAST_SQUARES.long_patience if later else LEAST_SQUARES.patience
+        known = None if near is None else self._known(near, effects, data)
         solver = LeastSquares(
             data,
             start=start,
             corrections=corrections,
-            known=None if near is None else self._known(near, effects, data, at_minimum=effort.at_minimum),
+            known=known and replace(known, at_minimum=effort.at_minimum),
             starts=effort.starts,
             rounds=effort.rounds,
             tolerance=tolerance,
@@ -311,11 +312,11 @@ class ModelFits:
             fit, finished=not (solver.stopped_early or fit.error > LEAST_SQUARES.hopeless * to_beat)
         )
 
-    def _known(self, near: Fit, effects: Sequence[Placed], data: Data, *, at_minimum: bool) -> Known | None:
+    def _known(self, near: Fit, effects: Sequence[Placed], data: Data) -> Known | None:
         """What `near` says of the sensitivities of a model with `effects`."""
         same = _in_common(near.effects, effects)
         known = near.at.known_in(data, self.parameter_count(same), self._state_count(same))
-        return known and replace(known, updates=known.updates + 1, at_minimum=at_minimum)
+        return known and replace(known, updates=known.updates + 1)
 
     def parameter_count(self, effects: Sequence[Placed]) -> int:
         """How many parameters the task has with `effects`."""

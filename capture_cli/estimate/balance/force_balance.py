@@ -765,10 +765,8 @@ class ForceBalance:
         """Accelerations (lane, nv) by forces `acts` at the points `index` (lane,), with frictionloss `loss`, where the
         inertia of each coordinate is larger by `heavier`, (lane, nv) each.
         """
-        parts, diagonal = (
-            [],
-            self._model.M_rowadr + self._model.M_rownnz - 1,
-        )  # a row of mjData.M ends with its own
+        diagonal = self._model.M_rowadr + self._model.M_rownnz - 1  # a row of mjData.M ends with it
+        parts = []
         for some in np.array_split(np.arange(len(index)), -(-len(index) // SETTINGS.lanes)):
             here = index[some]
             inertia = self._null.inertia[here]
