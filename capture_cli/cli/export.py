@@ -5,11 +5,9 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from capture_cli.cli._results import print_json
+from capture_cli.options.base import option
 from capture_cli.options.shared import OptionalTask, Result, Writing
 
 
@@ -18,7 +16,7 @@ class ExportOptions(Writing):
     """task: where it is now, if it was moved since."""
 
     result: Result
-    out: Annotated[Path, typer.Option(help="MJCF file to write.")]
+    out: Path = option(..., "MJCF file to write.")
     task: OptionalTask = None
 
 

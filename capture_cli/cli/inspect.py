@@ -13,8 +13,6 @@ from capture_cli.cli._results import fail_on
 from capture_cli.options.base import Options
 from capture_cli.options.shared import Json, MaxLogSize, OptionalTask, failing
 
-Severities = failing("findings of this severity", "warning")
-
 
 @dataclass(frozen=True, kw_only=True)
 class InspectOptions(Options):
@@ -22,7 +20,7 @@ class InspectOptions(Options):
 
     path: Annotated[Path, typer.Argument(help="A log, or any other output of `capture`.")]
     task: OptionalTask = None
-    fail_on: Severities = frozenset()
+    fail_on: frozenset[str] = failing("findings of this severity", "warning")
     max_log_size: MaxLogSize = None
     json_: Json = False
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import copy
 import functools
 import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_type_hints
 
+import typer
 from typer.models import ArgumentInfo, OptionInfo
 
+from capture_cli.options.completion import Completion, words
 from capture_cli.options.config import Config
 
 Result = TypeVar("Result")
@@ -28,10 +30,29 @@ class Text:
     read: Callable[[Any, str], Any]
 
 
+def described(
+    help: str, *, name: str | None = None, offers: Completion | Sequence[str] = (), **more: Any
+) -> OptionInfo:
+    """What typer has of an option. name: where it is not called after its field. offers: what the shell does, or these
+    words. more: as typer.Option takes it.
+    """
+    completion = offers if callable(offers) or not offers else words(*offers)
+    return typer.Option(name or ..., help=help, autocompletion=completion or None, **more)
+
+
+def option(default: Any, help: str, *, text: Text | None = None, **more: Any) -> Any:
+    """A field of options that the command line has; it has to be given there where `default` is `...`.
+
+    text: where what is written has to be read. more: as `described` takes it.
+    """
+    given = {"default_factory": dict} if default == {} else {} if default is ... else {"default": default}
+    return field(metadata={"option": described(help, **more), "text": text}, **given)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """A field is on the command line if its type is annotated with a typer.Option or Argument; with a `Text`, too, if
-    what is written there has to be read. An option without a name is called after its field.
+    """A field is on the command line if it is an `option`, or its type is annotated with a typer.Option or Argument, as
+    those of `shared` are. An option without a name is called after its field.
     """
 
     config: Config = None
@@ -40,78 +61,71 @@ class Options:
     @classmethod
     def parameters(cls) -> list[inspect.Parameter]:
         """The arguments of the command line, LAST at the end."""
-        found = []
-        for field in cls._ordered():
-            option = field.option
-            if option is None:
-                continue
-            text = _marker(field, Text)
-            kind = field.kind.__origin__ if text is None else text.kind
-            default = field.default if text is None else None
-            if kind == list[str] and default is not inspect.Parameter.empty:
-                default = []
-            found.append(
-                inspect.Parameter(
-                    field.name,
-                    inspect.Parameter.KEYWORD_ONLY,
-                    default=default,
-                    annotation=Annotated[kind, option],
-                )
-            )
-        return found
+        kind = inspect.Parameter.KEYWORD_ONLY
+        return [
+            inspect.Parameter(own.name, kind, default=own.written, annotation=Annotated[own.kind, own.info])
+            for own in cls._ordered()
+            if own.info is not None
+        ]
 
     @classmethod
     def of_command_line(cls, given: Mapping[str, Any]) -> Self:
         """Raises OptionError for a text that cannot be read."""
-        values = dict(given)
-        for field in cls._ordered():
-            if text := _marker(field, Text):
-                values[field.name] = text.read(values[field.name], field.option.default)
-        return cls(**values)
+        read = {
+            own.name: own.text.read(given[own.name], own.info.default)
+            for own in cls._ordered()
+            if own.text is not None
+        }
+        return cls(**{**given, **read})
 
     def recorded(self) -> dict[str, Any]:
         """By name, what `provenance.json` says of them."""
-        return {f.name: getattr(self, f.name) for f in self._ordered() if f.name not in self.unrecorded}
+        return {
+            own.name: getattr(self, own.name) for own in self._ordered() if own.name not in self.unrecorded
+        }
 
     @classmethod
     def default(cls, name: str) -> Any:
         """Of the option of that name."""
-        return next(field.default for field in cls._ordered() if field.name == name)
+        return next(own.default for own in cls._ordered() if own.name == name)
 
     @classmethod
     @functools.cache
     def _ordered(cls) -> tuple[_Field, ...]:
         kinds = get_type_hints(cls, include_extras=True)
-        found = sorted(fields(cls), key=lambda field: LAST.index(field.name) if field.name in LAST else -1)
-        return tuple(_Field(field.name, kinds[field.name], _default(field)) for field in found)
+        found = sorted(fields(cls), key=lambda own: LAST.index(own.name) if own.name in LAST else -1)
+        return tuple(_Field.of(own, kinds[own.name]) for own in found)
 
 
 @dataclass(frozen=True)
 class _Field:
+    """kind: its type on the command line. info: what typer has of it; None where it is not there."""
+
     name: str
     kind: Any
     default: Any
+    info: OptionInfo | ArgumentInfo | None
+    text: Text | None
 
-    @functools.cached_property
-    def option(self) -> OptionInfo | ArgumentInfo | None:
-        """On the command line; inside Annotated, typer takes the first name of an option for its default."""
-        option = _marker(self, OptionInfo | ArgumentInfo)
-        if not isinstance(option, OptionInfo) or option.default is not ...:
-            return option
-        named = copy.copy(option)
-        named.default = f"--{self.name.replace('_', '-')}"
-        return named
+    @classmethod
+    def of(cls, own: Field, hint: Any) -> _Field:
+        """hint: its type."""
+        annotated = getattr(hint, "__metadata__", ())
+        text, info = own.metadata.get("text"), own.metadata.get("option", next(iter(annotated), None))
+        kind = text.kind if text else hint.__origin__ if annotated else hint
+        if isinstance(info, OptionInfo) and info.default is ...:
+            # inside Annotated, typer takes the first name of an option for its default
+            info = copy.copy(info)
+            info.default = f"--{own.name.replace('_', '-')}"
+        default = own.default_factory() if own.default_factory is not MISSING else own.default
+        return cls(own.name, kind, inspect.Parameter.empty if default is MISSING else default, info, text)
 
-
-def _default(field: Any) -> Any:
-    if field.default_factory is not MISSING:
-        return field.default_factory()
-    return inspect.Parameter.empty if field.default is MISSING else field.default
-
-
-def _marker(field: _Field, kind: Any) -> Any:
-    """The annotation of this kind, None where there is none."""
-    return next((m for m in getattr(field.kind, "__metadata__", ()) if isinstance(m, kind)), None)
+    @property
+    def written(self) -> Any:
+        """The default on the command line."""
+        if self.default is inspect.Parameter.empty:
+            return self.default
+        return [] if self.kind == list[str] else None if self.text else self.default
 
 
 def on_command_line(command: Callable[[Any], None]) -> Callable[..., None]:

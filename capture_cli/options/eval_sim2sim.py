@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from capture_cli.options.completion import effects, identifiers, tasks, words
+from capture_cli.options.base import option
+from capture_cli.options.completion import effects, identifiers, tasks
 from capture_cli.options.shared import ActionPolicy, ObservationNoise, Resume, Robot, Simulating, World
 
 
@@ -16,50 +14,33 @@ from capture_cli.options.shared import ActionPolicy, ObservationNoise, Resume, R
 class EvalSim2SimOptions(Simulating):
     """Of one evaluation, or of those of a suite."""
 
-    out: Annotated[Path, typer.Option(help="Evaluation directory to write.")]
-    identifiers: Annotated[
-        list[str],
-        typer.Option(
-            "--identifier",
-            help="A name, a checkpoint directory, or NAME=DIRECTORY.",
-            autocompletion=identifiers,
-        ),
-    ]
-    task: Annotated[
-        str | None,
-        typer.Option(
-            help="Built-in task with actions, or a task.toml with --histories or a policy.",
-            autocompletion=tasks,
-        ),
-    ] = None
+    out: Path = option(..., "Evaluation directory to write.")
+    identifiers: list[str] = option(
+        ..., "A name, a checkpoint directory, or NAME=DIRECTORY.", name="--identifier", offers=identifiers
+    )
+    task: str | None = option(
+        None, "Built-in task with actions, or a task.toml with --histories or a policy.", offers=tasks
+    )
     policy: ActionPolicy = "random"
     world: World = "plant"
     robot: Robot = None
-    suite: Annotated[
-        str | None,
-        typer.Option(
-            help="paper: all its comparisons; --identifier and --policy take folders of checkpoints.",
-            autocompletion=words("paper"),
-        ),
-    ] = None
-    cells: Annotated[list[str], typer.Option("--cell", help="Of the suite, this comparison alone.")] = ()
-    histories: Annotated[
-        Path | None, typer.Option(help="Of a task.toml: histories whose actions rounds take, at random.")
-    ] = None
-    effects: Annotated[
-        list[str],
-        typer.Option(
-            "--effect",
-            help="What the machines have beside the model: NAME@SITE.PARAMETER=VALUE, or =LOW:HIGH for each pair.",
-            autocompletion=effects,
-        ),
-    ] = ()
-    pairs: Annotated[int, typer.Option(min=1, help="Pairs of a source and a hidden target.")] = 100
-    seeds: Annotated[int, typer.Option(min=1, help="Times that the pairs are drawn.")] = 3
-    rounds: Annotated[int, typer.Option(min=1, help="Rounds, one measured rollout each.")] = 30
+    suite: str | None = option(
+        None,
+        "paper: all its comparisons; --identifier and --policy take folders of checkpoints.",
+        offers=("paper",),
+    )
+    cells: list[str] = option((), "Of the suite, this comparison alone.", name="--cell")
+    histories: Path | None = option(None, "Of a task.toml: histories whose actions rounds take, at random.")
+    effects: list[str] = option(
+        (),
+        "What the machines have beside the model: NAME@SITE.PARAMETER=VALUE, or =LOW:HIGH for each pair.",
+        name="--effect",
+        offers=effects,
+    )
+    pairs: int = option(100, "Pairs of a source and a hidden target.", min=1)
+    seeds: int = option(3, "Times that the pairs are drawn.", min=1)
+    rounds: int = option(30, "Rounds, one measured rollout each.", min=1)
     noise: ObservationNoise = "none"
-    known_noise: Annotated[bool, typer.Option(help="Tell identifiers which labels are random.")] = False
-    fit_steps: Annotated[
-        int | None, typer.Option(min=1, help="Steps of compass's network each round; 1000 converge.")
-    ] = None
+    known_noise: bool = option(False, "Tell identifiers which labels are random.")
+    fit_steps: int | None = option(None, "Steps of compass's network each round; 1000 converge.", min=1)
     resume: Resume = False

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from capture_cli.options.completion import searches, words
+from capture_cli.options.base import option
+from capture_cli.options.completion import searches
 from capture_cli.options.shared import (
+    DEVIATIONS,
+    NUMBERS,
     ActionPolicy,
     AddedEffects,
     AddedEstimate,
@@ -18,12 +19,7 @@ from capture_cli.options.shared import (
     Resume,
     Simulating,
     Task,
-    deviations,
-    numbers,
 )
-
-Deviations = deviations("--noise-sd", "White noise besides: SD for all features, or FEATURE=SD.")
-Amplitude = numbers("--amplitude", "For a task.toml: INPUT=PEAK of the multisines, above 0.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,44 +27,35 @@ class GenHistoriesOptions(Simulating):
     """shard_pairs: the unit of work, at most so much is lost when a run is killed."""
 
     task: Task
-    out: Annotated[str, typer.Option(help="Histories to write (.zarr): a path, or a URL.")]
+    out: str = option(..., "Histories to write (.zarr): a path, or a URL.")
     policy: ActionPolicy = "random"
-    search: Annotated[
-        str,
-        typer.Option(
-            help="Strategy: randomized-binary, binary, linear-interpolation or scattered.",
-            autocompletion=searches,
-        ),
-    ] = "randomized-binary"
-    pairs: Annotated[int, typer.Option(min=1, help="Number of histories.")] = 1000
-    rounds: Annotated[int, typer.Option(min=2, help="Entries of a history (the paper's L).")] = 7
-    alpha: Annotated[float | None, typer.Option(help="Shape of the symmetric Beta; 5 by default.")] = None
+    search: str = option(
+        "randomized-binary",
+        "Strategy: randomized-binary, binary, linear-interpolation or scattered.",
+        offers=searches,
+    )
+    pairs: int = option(1000, "Number of histories.", min=1)
+    rounds: int = option(7, "Entries of a history (the paper's L).", min=2)
+    alpha: float | None = option(None, "Shape of the symmetric Beta; 5 by default.")
     effects: AddedEffects = ()
     estimate: AddedEstimate = None
     noise: ObservationNoise = "none"
-    noise_sd: Deviations = 0.0
-    inputs_from: Annotated[
-        Path | None, typer.Option(help="For a task.toml: log whose windows are the actions.")
-    ] = None
-    window: Annotated[float | None, typer.Option(help="For a task.toml: seconds per episode.")] = None
-    points: Annotated[
-        int | None, typer.Option(help="For a task.toml: points of a trajectory; 20 by default.")
-    ] = None
-    amplitude: Amplitude = field(default_factory=dict)
-    band: Annotated[
-        tuple[float, float] | None,
-        typer.Option(help="For a task.toml: lowest and highest Hz of the multisines, say --band 0.1 3."),
-    ] = None
-    executor: Annotated[
-        str,
-        typer.Option(
-            help="Where to simulate: local, or ray (an extra) for a cluster.",
-            autocompletion=words("local", "ray"),
-        ),
-    ] = "local"
-    address: Annotated[
-        str | None, typer.Option(help="Address of the Ray cluster; one is started without.")
-    ] = None
+    noise_sd: Mapping[str, float] | float = option(
+        0.0, "White noise besides: SD for all features, or FEATURE=SD.", text=DEVIATIONS
+    )
+    inputs_from: Path | None = option(None, "For a task.toml: log whose windows are the actions.")
+    window: float | None = option(None, "For a task.toml: seconds per episode.")
+    points: int | None = option(None, "For a task.toml: points of a trajectory; 20 by default.")
+    amplitude: Mapping[str, float] = option(
+        {}, "For a task.toml: INPUT=PEAK of the multisines, above 0.", text=NUMBERS
+    )
+    band: tuple[float, float] | None = option(
+        None, "For a task.toml: lowest and highest Hz of the multisines, say --band 0.1 3."
+    )
+    executor: str = option(
+        "local", "Where to simulate: local, or ray (an extra) for a cluster.", offers=("local", "ray")
+    )
+    address: str | None = option(None, "Address of the Ray cluster; one is started without.")
     max_log_size: MaxLogSize = None
     resume: Resume = False
     shard_pairs: int = 256

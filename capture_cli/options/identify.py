@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from capture_cli.options.completion import words
+from capture_cli.options.base import option
 from capture_cli.options.shared import FittingLog, failing
-
-Verdicts = failing("these verdicts", "unexplained", "not-identifiable")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,28 +17,19 @@ class IdentifyOptions(FittingLog):
 
     ending = ".estimate"
 
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Estimate directory; default NAME.estimate in the current folder, for NAME.zarr."),
-    ] = None
-    identifier: Annotated[
-        str | None,
-        typer.Option(
-            help="least-squares, cma-es, or a directory of train-sysid; default the task's own, or least-squares.",
-            autocompletion=words("least-squares", "cma-es"),
-        ),
-    ] = None
-    test: Annotated[
-        str | None, typer.Option(help="Recordings to hold out (names or patterns, comma-separated), or none.")
-    ] = None
-    rounds: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Most rounds: an episode each if the identifier is learned, else a batch of simulations each.",
-        ),
-    ] = None
-    fail_on: Verdicts = frozenset()
-    resume: Annotated[bool, typer.Option(help="Take up the estimate at --out: its log has new episodes.")] = (
-        False
+    out: Path | None = option(
+        None, "Estimate directory; default NAME.estimate in the current folder, for NAME.zarr."
     )
+    identifier: str | None = option(
+        None,
+        "least-squares, cma-es, or a directory of train-sysid; default the task's own, or least-squares.",
+        offers=("least-squares", "cma-es"),
+    )
+    test: str | None = option(None, "Recordings to hold out (names or patterns, comma-separated), or none.")
+    rounds: int | None = option(
+        None,
+        "Most rounds: an episode each if the identifier is learned, else a batch of simulations each.",
+        min=1,
+    )
+    fail_on: frozenset[str] = failing("these verdicts", "unexplained", "not-identifiable")
+    resume: bool = option(False, "Take up the estimate at --out: its log has new episodes.")

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from capture_cli.options.base import Options
-from capture_cli.options.completion import words
-from capture_cli.options.shared import Force, OptionalTask, Result, Seed, Threads, numbers
-
-Amplitude = numbers("--amplitude", "INPUT=VALUE, above 0: how far an input may be driven.")
+from capture_cli.options.base import Options, option
+from capture_cli.options.shared import NUMBERS, Force, OptionalTask, Result, Seed, Threads
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,21 +16,16 @@ class ProposeOptions(Options):
 
     result: Result
     task: OptionalTask = None
-    policy: Annotated[
-        str | None,
-        typer.Option(
-            help="Let this policy choose, rather than what tells most.", autocompletion=words("random")
-        ),
-    ] = None
-    candidates: Annotated[int, typer.Option(min=1, help="Random actions that are compared.")] = 48
-    amplitude: Amplitude = field(default_factory=dict)
-    beyond_log: Annotated[
-        bool, typer.Option(help="Also multisines that take the model beyond what the log shows.")
-    ] = False
-    out: Annotated[Path | None, typer.Option(help="File to write; default stdout.")] = None
-    csv: Annotated[
-        Path | None, typer.Option(help="Also the inputs, in the columns and units of the log.")
-    ] = None
+    policy: str | None = option(
+        None, "Let this policy choose, rather than what tells most.", offers=("random",)
+    )
+    candidates: int = option(48, "Random actions that are compared.", min=1)
+    amplitude: Mapping[str, float] = option(
+        {}, "INPUT=VALUE, above 0: how far an input may be driven.", text=NUMBERS
+    )
+    beyond_log: bool = option(False, "Also multisines that take the model beyond what the log shows.")
+    out: Path | None = option(None, "File to write; default stdout.")
+    csv: Path | None = option(None, "Also the inputs, in the columns and units of the log.")
     seed: Seed = 0
     threads: Threads = None
     force: Force = False

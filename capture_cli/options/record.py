@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from capture_cli.options.base import UNRECORDED
-from capture_cli.options.completion import effects, words
+from capture_cli.options.base import UNRECORDED, option
+from capture_cli.options.completion import effects
 from capture_cli.options.shared import (
+    DEVIATIONS,
+    NUMBERS,
+    RANGES,
     LogOut,
     MaxLogSize,
     Robot,
     Simulating,
     Task,
     World,
-    deviations,
-    numbers,
-    ranges,
 )
-
-Parameters = numbers("--param", "NAME=VALUE; others are nominal.")
-Noise = deviations("--noise", "SD for all outputs, or OUTPUT=SD.")
-Amplitude = numbers("--amplitude", "INPUT=PEAK of the multisine.")
-Start = ranges("--start", "JOINT=POSITION or JOINT=LOW:HIGH.")
-StartVelocity = ranges("--start-velocity", "JOINT=VELOCITY or LOW:HIGH.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,50 +31,35 @@ class RecordOptions(Simulating):
     out: LogOut
     world: World = "plant"
     robot: Robot = None
-    parameters: Parameters = field(default_factory=dict)
-    random_parameters: Annotated[bool, typer.Option(help="Draw the others at random.")] = False
-    effects: Annotated[
-        list[str],
-        typer.Option(
-            "--effect", help="NAME@SITE.PARAMETER=VALUE, or =LOW:HIGH, drawn from.", autocompletion=effects
-        ),
-    ] = ()
-    estimate: Annotated[
-        Path | None,
-        typer.Option(help="Estimate or diagnosis directory, whose values and effects the machine has."),
-    ] = None
-    noise: Noise = 0.0
-    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 1
-    policy: Annotated[
-        str | None,
-        typer.Option(
-            help="Who chooses the actions of a task that has some; default random.",
-            autocompletion=words("random"),
-        ),
-    ] = None
-    belief: Annotated[
-        str,
-        typer.Option(
-            help="What the policy takes the parameters for: nominal, or random each time.",
-            autocompletion=words("nominal", "random"),
-        ),
-    ] = "nominal"
-    actions_from: Annotated[Path | None, typer.Option(help="Proposal whose action every episode takes.")] = (
-        None
+    parameters: Mapping[str, float] = option(
+        {}, "NAME=VALUE; others are nominal.", name="--param", text=NUMBERS
     )
-    duration: Annotated[float | None, typer.Option(help="Seconds per episode; default 10.")] = None
-    rate: Annotated[
-        float | None, typer.Option(help="Samples per second; default the model's own, of actions 100.")
-    ] = None
-    inputs_from: Annotated[Path | None, typer.Option(help="Log, or proposal, whose inputs to replay.")] = None
-    amplitude: Amplitude = field(default_factory=dict)
-    band: Annotated[
-        tuple[float, float],
-        typer.Option(
-            help="Lowest and highest Hz of the multisine; default --band 0.1 3.", show_default=False
-        ),
-    ] = (0.1, 3.0)
-    start: Start = field(default_factory=dict)
-    start_velocity: StartVelocity = field(default_factory=dict)
-    truth: Annotated[Path | None, typer.Option(help="Where the truth goes; default OUT.truth.json.")] = None
+    random_parameters: bool = option(False, "Draw the others at random.")
+    effects: list[str] = option(
+        (), "NAME@SITE.PARAMETER=VALUE, or =LOW:HIGH, drawn from.", name="--effect", offers=effects
+    )
+    estimate: Path | None = option(
+        None, "Estimate or diagnosis directory, whose values and effects the machine has."
+    )
+    noise: Mapping[str, float] | float = option(0.0, "SD for all outputs, or OUTPUT=SD.", text=DEVIATIONS)
+    episodes: int = option(1, "Number of episodes.", min=1)
+    policy: str | None = option(
+        None, "Who chooses the actions of a task that has some; default random.", offers=("random",)
+    )
+    belief: str = option(
+        "nominal",
+        "What the policy takes the parameters for: nominal, or random each time.",
+        offers=("nominal", "random"),
+    )
+    actions_from: Path | None = option(None, "Proposal whose action every episode takes.")
+    duration: float | None = option(None, "Seconds per episode; default 10.")
+    rate: float | None = option(None, "Samples per second; default the model's own, of actions 100.")
+    inputs_from: Path | None = option(None, "Log, or proposal, whose inputs to replay.")
+    amplitude: Mapping[str, float] = option({}, "INPUT=PEAK of the multisine.", text=NUMBERS)
+    band: tuple[float, float] = option(
+        (0.1, 3.0), "Lowest and highest Hz of the multisine; default --band 0.1 3.", show_default=False
+    )
+    start: Mapping[str, tuple[float, float]] = option({}, "JOINT=POSITION or JOINT=LOW:HIGH.", text=RANGES)
+    start_velocity: Mapping[str, tuple[float, float]] = option({}, "JOINT=VELOCITY or LOW:HIGH.", text=RANGES)
+    truth: Path | None = option(None, "Where the truth goes; default OUT.truth.json.")
     max_log_size: MaxLogSize = None
