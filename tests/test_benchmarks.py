@@ -11,6 +11,7 @@ import benchmarks.coverage as coverage
 from benchmarks import EMPS, MACHINES, REGISTRY, _lines
 from benchmarks._share import share
 from benchmarks.base import Benchmark, Figure, Result, measure
+from benchmarks.label_information import CELLS, KNOWN, REACH, Noise, success
 from capture_cli.model.tasks import load_task
 
 
@@ -143,3 +144,19 @@ def test_a_real_log_is_recorded_and_identified():
         assert p["ci95"][0] < p["value"] < p["ci95"][1]
         assert abs(p["value"] - p["truth"]) < 6 * p["sd"]
     assert np.isfinite(found["normalized"]["test"])
+
+
+@pytest.mark.parametrize("rounds", [2, 4])
+def test_labels_that_are_random_tell_nothing(rounds):
+    assert success(Noise.of_rates([[1.0] * rounds]), rounds) == pytest.approx((2 * REACH + 1) / CELLS)
+
+
+def test_one_random_label_counted_is_one_of_as_many_hypotheses():
+    counted, each = Noise.of_count(4, 1), Noise.of_rates(np.eye(4).tolist())
+    assert success(counted, 4) == pytest.approx(success(each, 4))
+
+
+def test_who_knows_more_about_the_noise_succeeds_more():
+    at_best = {what: success(known(5), 5) for what, known in KNOWN.items()}
+    none, which, how_many, phase, rate = at_best.values()
+    assert none > which > how_many > rate and which > phase
