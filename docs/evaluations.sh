@@ -70,6 +70,11 @@ capture gen-histories --task air-hockey --policy runs/policies/air-hockey --nois
 capture train-sysid --histories noisy.zarr --identifier capture-trajectory --width 64 --steps 5000 --batch 128 --out noisy/capture
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier noisy/capture --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-noise-trained
 
+# Scooping: the paper's network, on the pairs of the main table.
+capture gen-histories --task scooping --policy runs/policies/scooping --pairs 8192 --seed 1 --out scooping.zarr
+capture train-sysid --histories scooping.zarr --identifier capture --width 32 --layers 2 --heads 2 --batch 128 --steps 3000 --patience 50 --out runs/sysid/scooping/capture
+capture eval-sim2sim --task scooping --policy runs/policies/scooping --identifier domain-randomization --identifier runs/sysid/scooping/capture --identifier runs/sysid/scooping/capture-trajectory --out runs/evaluation/scooping-paper
+
 # Scooping: the observation that is not monotonic.
 capture train-policy --task scooping-distance --steps 6000 --evaluations 6 --out distance/policy
 capture gen-histories --task scooping-distance --policy distance/policy --pairs 4096 --seed 1 --out distance/histories.zarr
