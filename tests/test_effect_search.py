@@ -358,3 +358,19 @@ def test_a_law_that_simulations_alone_tell_of_is_found_at_every_joint_in_one_rou
     record(task=str(task), out=log, effects=effects, noise=1e-4, episodes=4, duration=2, rate=100, threads=1)
     found = diagnose(real_log=log, task=str(task), out=tmp_path / "d", quiet=True, most_effects=1).document
     assert {f"{e['name']}@{e['site']}" for e in found["effects"]} == {e.split("=")[0] for e in effects}
+
+
+def test_what_parameters_stand_in_for_is_found_where_they_leave_nothing(
+    tmp_path, monkeypatch, without_pages
+):
+    catalogue, few = attribution.all_candidates, ("quadratic-drag", "coulomb-friction", "sensor-delay")
+    monkeypatch.setattr(
+        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+    )
+    log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider", 0.002))
+    drag = ["quadratic-drag@x=0.3"]
+    record(task=task, out=log, effects=drag, noise=1e-3, episodes=4, duration=4, rate=100, threads=1)
+    found = diagnose(real_log=log, task=task, out=tmp_path / "d", quiet=True).document
+    assert not found["lack_of_fit"]["before"]["lacking"]
+    assert found["verdict"] == "effect-found"
+    assert [e["name"] for e in found["effects"]] == ["quadratic-drag"]

@@ -137,7 +137,7 @@ def verdict(
     tested = held_out_before.data.count > 0 and held_out.whole is None
     if tested and accepted and held_out.lack.normalized >= held_out_before.normalized:
         return "unexplained"
-    if not before.lacking:
+    if not (before.lacking or accepted):
         return "explained"
     if not accepted or not after.is_near:
         return "unexplained"

@@ -221,7 +221,8 @@ class ForwardRound:
         start = np.concatenate([best.point[: len(current.point)], *own])
         best = least([best, *(s.fit for s in self.supported if len(s.fit.point) <= len(start))])
         needed = min(best.error, needed_error(current, REJECTION.material))
-        fit = self.models.fit([*current.effects, *added], start, current, Effort(needed=needed))
+        effort = Effort(needed=needed, escapes=False)
+        fit = self.models.fit([*current.effects, *added], start, current, effort)
         if fit is None or fit.penalised_squares >= best.penalised_squares:
             return None
         plausible = [c for c in places if not out_of_range(self.models, current, fit, c.placed)]
@@ -229,8 +230,11 @@ class ForwardRound:
             return self._together(plausible, best)
         if len(plausible) < len(places) or slight(current, fit, REJECTION.material):
             return None
-        support, select = self.models.support_of(current, fit, places, self.models.judge(current), self.tried)
-        return None if support.reason_against_entry() else FittedSet(added, fit, select)
+        support, _ = self.models.support_of(current, fit, places, self.models.judge(current), self.tried)
+        if support.reason_against_entry():
+            return None
+        fit = self.models.escaped(fit, best, self.useful_error)
+        return FittedSet(added, fit, self.models.judge(fit))
 
     def choose(self) -> tuple[FittedSet, list[Candidate]] | None:
         """The best of what is supported; among those it cannot be told from, the simplest, and then the one that fits

@@ -139,7 +139,7 @@ class Attribution:
     def _search(self, declared: Fit) -> Fit:
         current = declared
         self.models.know(declared)
-        while self._count < self.most_effects and not self.models.is_explained(current):
+        while self._count < self.most_effects and self._is_missing(current):
             known = len(self.accepted)
             if not known:
                 self.models.excess = max(current.excess, REGRESSION.tiny)
@@ -167,6 +167,19 @@ class Attribution:
         if compared is not current:  # with another in its place an effect may have nothing left to do
             compared = self._backward(compared, self.accepted, Support.reason_against)
         return self._keep(compared)
+
+    def _is_missing(self, current: Fit) -> bool:
+        """Whether more is left than chance allows, or an effect predicts blocks that no fit saw so much better that
+        chance does not: parameters that stand in for an effect may leave next to nothing.
+        """
+        if not self.models.is_explained(current):
+            return True
+        screening = self.models.screening_about(current, self._step)
+        if screening is None:
+            return False
+        values = [current.point[current.columns(e.name)] for e in current.effects]
+        additions = screening.additions(current.effects, values, screening.settings.polished_for_best)
+        return bool(additions) and additions[0].is_sure(len(screening.atoms))
 
     @property
     def _count(self) -> int:
@@ -247,6 +260,8 @@ class Attribution:
             choice = self._by_simulation(current)
         else:
             choice = self._of_balance(balance)
+            if self.models.is_explained(current):
+                return None if choice is None else self._with(*choice, current)
             if choice is None or self._leaves_much(choice[0].fit, current):
                 choice = self._better(choice, self._by_simulation(current, choice))
             if choice is None and not (self.accepted or self.given):

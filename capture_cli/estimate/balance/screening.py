@@ -36,8 +36,9 @@ class ScreeningSettings:
     step, of a range; shortest: at which it stops early. difference: of a range, in differences of effects. at_once:
     atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. alike: cosine of
     responses beyond which effects do not differ. ran_away: of rows, beyond which what others add is lost in rounding.
-    determined: of a declared parameter's range, a standard deviation below which the balance determines it. remembered:
-    bytes of rows of effects at values that were asked before.
+    determined: of a declared parameter's range, a standard deviation below which the balance determines it. by_chance:
+    how often the best addition to a model that lacks nothing may be taken for an effect; sure: standard errors of a
+    gain beyond which there is one. remembered: bytes of rows of effects at values that were asked before.
     """
 
     blocks: int = 12
@@ -54,6 +55,8 @@ class ScreeningSettings:
     alike: float = 0.98
     ran_away: float = 1e15
     determined: float = 0.1
+    by_chance: float = 0.01
+    sure: float = 3.0
     remembered: int = 200_000_000
 
 
@@ -108,6 +111,12 @@ class Addition:
     @property
     def placed(self) -> Placed:
         return self.model.effects[-1]
+
+    def is_sure(self, tried: int, settings: ScreeningSettings = SETTINGS) -> bool:
+        """Whether the gain of the best of so many `tried` is beyond chance. Under null a ratio of predictive
+        likelihoods has mean 1, and is beyond K once in K times (Markov's inequality).
+        """
+        return self.gain > max(np.log(tried / settings.by_chance), settings.sure * self.error)
 
 
 class Screening:
