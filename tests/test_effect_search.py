@@ -360,9 +360,7 @@ def test_a_law_that_simulations_alone_tell_of_is_found_at_every_joint_in_one_rou
     assert {f"{e['name']}@{e['site']}" for e in found["effects"]} == {e.split("=")[0] for e in effects}
 
 
-def test_what_parameters_stand_in_for_is_found_where_they_leave_nothing(
-    tmp_path, monkeypatch, without_pages
-):
+def test_what_parameters_stand_in_for_is_found_where_they_leave_nothing(tmp_path, monkeypatch, without_pages):
     catalogue, few = attribution.all_candidates, ("quadratic-drag", "coulomb-friction", "sensor-delay")
     monkeypatch.setattr(
         attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]

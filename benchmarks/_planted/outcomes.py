@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks._planted_logs.cases import LEFT, NOTHING, UNKNOWN, WEAK, Case
+from benchmarks._planted_logs.cases import LEFT, NOTHING, UNKNOWN, Case
 from benchmarks._planted_logs.dresses import FILTERED
 from capture_cli.model.effects.placed import placed_name
 
@@ -19,11 +19,10 @@ BESIDE, ONE_OF_TWO, WRONG, MISSED, UNEXPLAINED = (
     "missed",
     "unexplained",
 )
-CONFOUNDED = "confounded"
 SILENT, FALSE_ALARM = "silent", "false alarm"
 IMITATED, HONEST = "imitated", "honest"
 RIGHT = (EXACT, TIED, EQUIVALENT)
-GOOD = (*RIGHT, CONFOUNDED, SILENT, IMITATED, HONEST)
+GOOD = (*RIGHT, SILENT, IMITATED, HONEST)
 # What the logger itself does to the sensors: neither right nor wrong beside what was planted.
 OF_THE_LOGGER = {FILTERED: ("sensor-low-pass", "sensor-delay")}
 
@@ -117,11 +116,7 @@ def judge(case: Case, document: Mapping[str, Any]) -> str:
         return FALSE_ALARM if effects or verdict == "unexplained" else SILENT
     if case.kind in (UNKNOWN, LEFT):
         return _judge_unknown(verdict, test_error(document))
-    found = _judge_known(case, verdict, effects)
-    if case.kind == WEAK and found not in RIGHT:
-        doubtful = {placed(e) for e in document.get("confounded", ())}
-        return CONFOUNDED if doubtful.intersection(case.planted) else found
-    return found
+    return _judge_known(case, verdict, effects)
 
 
 def test_error(document: Mapping[str, Any]) -> float:
