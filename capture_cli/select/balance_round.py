@@ -63,7 +63,7 @@ class BalanceRound:
         self._at_ends: list[tuple[frozenset[str], frozenset, str]] = []
         # beside what was found already one is looked for at a time
         sizes = 1 if current.effects else most
-        self.supported = self._search(grown(screening, current.effects, values, sizes))
+        self.supported = self._search(grown(screening, current.effects, values, sizes), sizes)
 
     def choose(self) -> tuple[FittedSet, list[Candidate]] | None:
         """Of the supported models the best, and of those it cannot be told from that with the fewest parameters. With
@@ -98,9 +98,9 @@ class BalanceRound:
         reject_at_first_sight(found, self.ranked)
         return found
 
-    def _search(self, levels: Iterator[Level]) -> list[FittedSet]:
+    def _search(self, levels: Iterator[Level], sizes: int) -> list[FittedSet]:
         """Those of the models that hold on what judges, fitted by simulation: of each size those that are as good as
-        the best in the balance, until one leaves nothing; then larger sets of what holds.
+        the best in the balance, until one leaves nothing; then larger sets of what holds. sizes: how many there may be.
         """
         found: list[FittedSet] = []
         smaller = self.current
@@ -112,6 +112,7 @@ class BalanceRound:
             found += more
             if (larger and not more) or self._explained(found):
                 break
+            self.on_step("set size", min(number + 1, sizes - 1), sizes)
         return self._with_unions(found)
 
     def _best_that_hold(self, level: Level, smaller: Fit) -> list[FittedSet]:

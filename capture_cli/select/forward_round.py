@@ -199,7 +199,9 @@ class ForwardRound:
         """Laws that hold somewhere at all of the places that scores speak for, at once, or at all of those where they
         hold.
         """
-        for law in dict.fromkeys(c.placed.law for c in self._held):
+        laws = dict.fromkeys(c.placed.law for c in self._held)
+        for number, law in enumerate(laws):
+            self.on_step("law at all places", number, len(laws))
             best = least([c.fit for c in self._held if c.placed.law == law])
             for some in (self.ranked, self._held):
                 places = {
