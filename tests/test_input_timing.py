@@ -11,7 +11,9 @@ from balances import Made
 
 from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
 from capture_cli.common.progress import Progress
+from capture_cli.errors import OutOfTime
 from capture_cli.estimate.log_balance import with_timings
+from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.split import NewSplit
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
@@ -114,8 +116,23 @@ def test_simulations_tell_where_the_balance_is_not_sure(monkeypatch):
     task, log, _ = Case(PLANTED, "cart_pole", (name,), 10.0, 3, dress="quarter-rate", episodes=6).build()
     prepared = prepare(log, task, **QUIET)
     few = [c for c in all_candidates(prepared) if c.name == name]
-    found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
+    asked, fit, fitting = (
+        (replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1),
+        ModelFits.fit,
+        [],
+    )
+    monkeypatch.setattr(ModelFits, "fit", lambda *a, **k: fitting.append(1) or fit(*a, **k))
+    found, _ = timings_with_effects(*asked)
     assert [t.hold for t in found] == [Hold(4.0)]
+
+    def out_of_time():
+        if fitting:
+            raise OutOfTime
+
+    fitting.clear()
+    with pytest.raises(OutOfTime):
+        timings_with_effects(*asked, out_of_time)
+    assert len(fitting) == 1
 
 
 def test_a_log_without_a_balance_tells_nothing_and_its_inputs_are_held():

@@ -151,6 +151,7 @@ def test_what_is_stopped_is_left_out(monkeypatch):
         limit.check()
         return "made"
 
+    assert (limit.half, TimeLimit().half) == (5.0, 0.0)
     assert limit.made(lambda: work(5.0), "a", keeping=3.0) == "made"
     assert limit.made(lambda: work(3.0), "b", keeping=3.0) is None and limit.left_out == ["b"]
     assert limit.made(lambda: work(1.0), "c", keeping=0.0) == "made"

@@ -76,7 +76,7 @@ class Reading:
 
         def asked(hold: Hold) -> Likelihoods:
             own = self._screening_as(hold)
-            pairs = [(known.likelihood, own.fitted(known).likelihood) for known in ours]
+            pairs = [(known.likelihood, own.judged(known).likelihood) for known in ours]
             return max(pairs, key=lambda pair: (pair[1] - pair[0]).sum())
 
         hold = likeliest(asked, self.screening.balance)
@@ -177,11 +177,11 @@ def _best_fit(
     """That of the others which, each with its model fitted by simulations, explains the log and is clearly better than
     the first: the effect that is in may not be the right one, so a little better is not enough.
     """
-    fits = [(r, _fit(prepared_as(r.task), r.model, threads, escapes=False)) for r in others]
+    fits = [(r, _fit(r, r.model, prepared_as(r.task), threads)) for r in others]
     explaining = [(r, fit) for r, fit in fits if fit is not None and fit.error**2 - 1 < SETTINGS.else_missing]
     if not explaining:
         return held
-    before = _fit(prepared_as(held.task), held.model, threads, escapes=True)
+    before = _fit(held, held.model, prepared_as(held.task), threads, escapes=True)
     gains = [np.inf if before is None else _sure_gain(before, fit) for _, fit in explaining]
     best = int(np.argmax(gains))
     return explaining[best][0] if gains[best] > COMPARISON.clearly_better else held
@@ -203,7 +203,7 @@ def _nearest_fit(best: Reading, prepared_as: PreparedAs, threads: int | None) ->
     for reading in near:
         prepared = prepared_as(reading.task)
         models = reading.model, reading.screening.fitted(reading.declared)
-        fits = (_fit(prepared, model, threads, escapes=False) for model in models)
+        fits = (_fit(reading, model, prepared, threads) for model in models)
         found += [(reading, fit) for fit in fits if fit is not None]
     first = found[0][1]
     return max(found, key=lambda pair: gain_by_bic(first, pair[1]))[0]
@@ -214,7 +214,17 @@ def _sure_gain(before: Fit, after: Fit) -> float:
     return gain_by_bic(before, after) - chance(before, after)
 
 
-def _fit(prepared: PreparedLog, model: BalancedModel, threads: int | None, *, escapes: bool) -> Fit | None:
+def _fit(
+    reading: Reading,
+    model: BalancedModel,
+    prepared: PreparedLog,
+    threads: int | None,
+    *,
+    escapes: bool = False,
+) -> Fit | None:
+    """The model fitted by simulations of the log `prepared` in that reading."""
+    fits = ModelFits(prepared, threads)
+    fits.engine.on_work = reading.screening.on_work
     windows = np.flatnonzero(~prepared.split.is_test)
     part = prepared.part(windows[evenly_spread(len(windows), LOG_PARTS.fitted)])
-    return ModelFits(prepared, threads).fit(part, model.effects, model.start, effort=Effort(escapes=escapes))
+    return fits.fit(part, model.effects, model.start, effort=Effort(escapes=escapes))

@@ -30,6 +30,12 @@ class TimeLimit:
         """s, of time.monotonic."""
         return time.monotonic()
 
+    @property
+    def half(self) -> float:
+        """s, half of what is left; 0 where there is no end of it."""
+        left = self.deadline - self.now()
+        return left / 2 if np.isfinite(left) else 0.0
+
     def check(self) -> None:
         """Raises OutOfTime where what is being done has to stop."""
         if self.now() > self._until:

@@ -101,7 +101,7 @@ def _prepared(
     found = limit.made(
         lambda: timings_with_effects(unread, candidates, again, threads, limit.check, progress.part),
         "how the inputs act between rows: they are taken to be held",
-        keeping=0.0,
+        keeping=limit.half,
     )
     if found is None:
         return prepared

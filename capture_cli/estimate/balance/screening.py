@@ -244,6 +244,11 @@ class Screening:
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             return self._judged(self._fitted(model))
 
+    def judged(self, model: BalancedModel) -> BalancedModel:
+        """The model, and how it predicts blocks: its parameters are fitted to first order, about its values."""
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            return self._judged(model)
+
     def pairs(
         self, effects: Sequence[Placed], values: Sequence[np.ndarray], count: int
     ) -> list[BalancedModel]:
