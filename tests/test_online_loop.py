@@ -21,7 +21,7 @@ from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
-from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
+from capture_cli.stages.recorded.recorded_estimate import EarlierEstimate
 from capture_cli.store.estimate import Estimate
 
 DOCS = Path(__file__).parents[1] / "docs"

@@ -6,6 +6,7 @@ Exit codes: 0 done; 1 our fault; 2 the user can mend it; 3 it ran, and the verdi
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
@@ -78,7 +79,7 @@ def _run(received: Sequence[int]) -> _End:
 
 def _ended_by(error: BaseException, received: Sequence[int]) -> _End:
     """How a run ends by what it raised."""
-    from capture_cli.cli._surroundings import of_the_system
+    from capture_cli.cli._surroundings import CURES, of_the_system
 
     # what is interrupted, an import say, may raise something else
     if isinstance(error, KeyboardInterrupt) or received:
@@ -89,11 +90,7 @@ def _ended_by(error: BaseException, received: Sequence[int]) -> _End:
         _discard_stdout()  # the reader of our pipe went away: nothing is wrong
         return _End(0)
     if isinstance(error, MemoryError):
-        return _End(
-            2,
-            "error: out of memory\n  cure: ask for less at once: a shorter log or --duration, fewer --pairs, episodes "
-            "or --starts",
-        )
+        return _End(2, f"error: out of memory\n  cure: {CURES[errno.ENOMEM]}")
     if isinstance(error, OSError) and (of_system := of_the_system(error)):
         if error.filename is None:  # it is stdout that was refused: what is left of it would be, too
             _discard_stdout()

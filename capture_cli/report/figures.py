@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import bound, estimated, place, to_precision_of
 from capture_cli.report.curves import Curves
 from capture_cli.report.figure_parts import (
@@ -26,13 +25,6 @@ from capture_cli.report.figure_parts import (
     save,
 )
 from capture_cli.store.estimate import Estimate
-
-
-@frozen
-class SETTINGS:
-    # More names than these would cover the curves they name.
-    most_named: int = 8
-
 
 PATHS = ("#1f6391", "#c8430a", "#1b7a4a", "#7546b8", "#b0476a", "#8a6d1f", "#3d8f96", "#5c6772")
 
@@ -110,7 +102,7 @@ def _convergence(estimate: Estimate) -> Figure:
         p = estimate.record.parameters[name]
         path = place(np.asarray(estimate.arrays["round/parameters"])[:, k], p)
         axes[1].plot(path, color=PATHS[k % len(PATHS)], lw=1.2, marker=marker, ms=3)
-    if 0 < len(names) <= SETTINGS.most_named:
+    if 0 < len(names) <= len(PATHS):  # more names would cover the curves they name
         named(axes[1], names)
     if names:
         axes[1].set(ylim=(-0.05, 1.05), ylabel="place in range")

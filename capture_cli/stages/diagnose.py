@@ -25,7 +25,7 @@ from capture_cli.select.input_readings import timings_with_effects
 from capture_cli.select.time_limit import TimeLimit
 from capture_cli.stages.documents.diagnosis_document import diagnosis_of
 from capture_cli.stages.log_to_fit import LogToFit, read_log
-from capture_cli.stages.recorded.diagnosed_estimate import DiagnosedEstimate
+from capture_cli.stages.recorded.recorded_estimate import DiagnosedEstimate
 from capture_cli.stages.recorded.recorded_task import find_task
 from capture_cli.stages.search_checkpoint import ENDS, OPTIONS, recipe_of, unfinished_diagnosis
 from capture_cli.store.diagnosis import Diagnosis

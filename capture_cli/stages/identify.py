@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.common.frozen import frozen
 from capture_cli.common.progress import Progress
 from capture_cli.estimate.log_balance import balanced_point
 from capture_cli.estimate.log_requirements import check_parameters_move_outputs
@@ -32,17 +31,11 @@ from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier
 from capture_cli.stages.identification.estimation import SETTINGS as ESTIMATION
 from capture_cli.stages.identification.estimation import Descents, Found, Refinement, by_physics, by_rounds
 from capture_cli.stages.log_to_fit import LogToFit, read_log
-from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
+from capture_cli.stages.recorded.recorded_estimate import EarlierEstimate
 from capture_cli.stages.recorded.recorded_task import find_task
 from capture_cli.store.estimate import Estimate, EstimateRecord
 from capture_cli.store.output import new_directory, refuse_existing
 from capture_cli.store.provenance import Provenance
-
-
-@frozen
-class SETTINGS:
-    steps: int = 5  # the log, checks, the fit, what is left open about it, errors
-
 
 NEEDED_LAST = ("scipy.special", "capture_cli.report.figures")
 
@@ -186,7 +179,7 @@ class _Search:
 
 
 def _step(number: int) -> str:
-    return f"step {number} of {SETTINGS.steps}"
+    return f"step {number} of 5"  # the log, checks, the fit, what is left open about it, errors
 
 
 def _with_misread(estimate: Estimate, search: _Search) -> Estimate:

@@ -44,16 +44,6 @@ class SETTINGS:
     held_out: int = 500  # others, that the finished policy is judged on, and the random one
 
 
-@frozen
-class MIRROR:
-    """episodes: that are seen in a mirror as well; differ: by how much of the reward, whose scale is 1, on average a
-    machine may be worth something else there. A lag differs by rounding, a bias by much more.
-    """
-
-    episodes: int = 64
-    differ: float = 1e-3
-
-
 TRIED, SAME = 64, 1e-9  # random episodes, and rewards, of 1 at most, that are one
 
 
@@ -152,19 +142,21 @@ def _check_settings(settings: TrainingSettings, evaluations: int) -> None:
 
 
 def _is_mirrored(simulator: Simulator, effects: EffectRanges) -> bool:
-    """Whether a machine with the effects is worth in a mirror what it is worth without, as its task is."""
+    """Whether a machine with the effects is worth in a mirror what it is worth without, as its task is: of the reward,
+    whose scale is 1, a lag changes the mean by rounding there, a bias by much more than is allowed.
+    """
     if not effects.placed:
         return True
     task, generator = simulator.task, np.random.default_rng(0)
-    parameters = task.space.from_unit(generator.random((MIRROR.episodes, len(task.space))))
-    actions = task.draw_actions(generator.random((MIRROR.episodes, len(task.actions))))
-    of_effects = effects.drawn(generator, MIRROR.episodes)
+    parameters = task.space.from_unit(generator.random((TRIED, len(task.space))))
+    actions = task.draw_actions(generator.random((TRIED, len(task.actions))))
+    of_effects = effects.drawn(generator, TRIED)
     sides = ((parameters, actions), (task.mirror_parameters(parameters), task.mirror_actions(actions)))
     rewards = [
         judge(task, acted, *simulator.trajectories(np.concatenate([under, of_effects], axis=1), acted))[0]
         for under, acted in sides
     ]
-    return float(np.abs(rewards[0] - rewards[1]).mean()) < MIRROR.differ
+    return float(np.abs(rewards[0] - rewards[1]).mean()) < 1e-3
 
 
 def _refuse_constant(simulator: Simulator, effects: EffectRanges) -> None:

@@ -46,29 +46,25 @@ def _named_by_its_tokens(found: Mapping[str, Any]) -> Mapping[str, Any]:
     """A document or attributes as of version 3: before, `capture` was the name of both networks."""
     rows = found.get("identifiers")
     if isinstance(rows, dict):
-        return {**found, "identifiers": {_renamed(label, row): _row(row) for label, row in rows.items()}}
+        renamed = (_by_trajectory(label, row) for label, row in rows.items())
+        return {**found, "identifiers": dict(renamed)}
     if isinstance(rows, list):
         return {**found, "identifiers": [_labelled(row) for row in rows]}
     return found
 
 
 def _labelled(row: Any) -> Any:
-    return {**_row(row), "label": _renamed(row.get("label", ""), row)} if _is_by_trajectory(row) else row
+    if not isinstance(row, dict):
+        return row
+    label, row = _by_trajectory(row.get("label", ""), row)
+    return {**row, "label": label}
 
 
-def _row(about: Any) -> Any:
-    return {**about, "identifier": BY_TRAJECTORY} if _is_by_trajectory(about) else about
-
-
-def _renamed(label: str, about: Any) -> str:
-    return f"{BY_TRAJECTORY}{label.removeprefix('capture')}" if _is_by_trajectory(about) else label
-
-
-def _is_by_trajectory(about: Any) -> bool:
-    return isinstance(about, dict) and (about.get("identifier"), about.get("tokens")) == (
-        "capture",
-        "trajectory",
-    )
+def _by_trajectory(label: str, row: Any) -> tuple[str, Any]:
+    """A label and what is said of it, under the name of today where it has a token per trajectory."""
+    if not isinstance(row, dict) or (row.get("identifier"), row.get("tokens")) != ("capture", "trajectory"):
+        return label, row
+    return f"{BY_TRAJECTORY}{label.removeprefix('capture')}", {**row, "identifier": BY_TRAJECTORY}
 
 
 def _in_the_plant(found: Mapping[str, Any]) -> Mapping[str, Any]:

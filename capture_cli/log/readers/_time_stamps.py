@@ -8,15 +8,8 @@ from datetime import date
 
 import numpy as np
 
-from capture_cli.common.frozen import frozen
-
-
-@frozen
-class SETTINGS:
-    second: int = 10**9  # ns
-
-
-DAY = 86_400 * SETTINGS.second
+SECOND = 10**9  # ns
+DAY = 86_400 * SECOND
 _STAMP = re.compile(
     r"((?P<date>\d{4}-\d\d-\d\d)[T ])?(?P<hour>[01]?\d|2[0-3]):(?P<minute>[0-5]\d):(?P<second>[0-5]\d|60)"
     r"([.,](?P<fraction>\d+))?( ?(?P<zone>Z|UTC|[+-]\d\d(:?\d\d)?))?"
@@ -48,7 +41,7 @@ def seconds(texts: Sequence[str | None]) -> tuple[np.ndarray, int | None]:
             days += 1
         before = found
         # whole numbers up to here: a float has no room for microseconds since 1970
-        since[row] = (stamp + days * DAY - first[0]) / SETTINGS.second
+        since[row] = (stamp + days * DAY - first[0]) / SECOND
     return since, None
 
 
@@ -68,4 +61,4 @@ def _read(text: str) -> tuple[int, bool, bool] | None:
         ahead = (int(digits[:2]) * 60 + int(digits[2:])) * 60
         whole += ahead if zone[0] == "-" else -ahead
     fraction = int((found["fraction"] or "").ljust(9, "0")[:9])
-    return days * DAY + whole * SETTINGS.second + fraction, bool(found["date"]), bool(zone)
+    return days * DAY + whole * SECOND + fraction, bool(found["date"]), bool(zone)

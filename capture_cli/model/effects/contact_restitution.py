@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.common.frozen import frozen
 from capture_cli.model.effects._contacts import ContactEffect
 from capture_cli.model.parameters import Parameter
 
-
-@frozen
-class SETTINGS:
-    # the second number of solref: damping ratio, or minus damping where it is in direct form
-    damping: int = 1
+DAMPING = 1  # the number of solref that is a damping ratio, or minus damping where it is in direct form
 
 
 class ContactRestitution(ContactEffect):
@@ -29,9 +24,9 @@ class ContactRestitution(ContactEffect):
 
     def write(self, fields, values):
         if self.pair >= 0:
-            fields["pair_solref"][:, self.pair, SETTINGS.damping] *= 1 + values[:, 0]
+            fields["pair_solref"][:, self.pair, DAMPING] *= 1 + values[:, 0]
             return
-        damping = fields["geom_solref"][..., SETTINGS.damping]
+        damping = fields["geom_solref"][..., DAMPING]
         for geom in self.geoms:
             own, others = damping[:, geom, None].copy(), damping[:, self.partners]
             new = own * (1 + values)
@@ -41,13 +36,13 @@ class ContactRestitution(ContactEffect):
 
     @staticmethod
     def decides(model, a, b):
-        damping, direct = model.geom_solref[:, SETTINGS.damping], model.geom_solref[:, 0] < 0
+        damping, direct = model.geom_solref[:, DAMPING], model.geom_solref[:, 0] < 0
         return ~direct[b] | (direct[a] & (damping[a] <= damping[b]))
 
     @staticmethod
     def matters(model, a, b):
-        return model.geom_solref[a, SETTINGS.damping] != 0
+        return model.geom_solref[a, DAMPING] != 0
 
     @staticmethod
     def pair_matters(model, pair):
-        return model.pair_solref[pair, SETTINGS.damping] != 0
+        return model.pair_solref[pair, DAMPING] != 0

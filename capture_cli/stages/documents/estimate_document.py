@@ -41,7 +41,7 @@ from capture_cli.stages.documents.result_document import (
 )
 from capture_cli.stages.documents.undetermined_document import with_limits
 from capture_cli.stages.identification.estimation import Found
-from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
+from capture_cli.stages.recorded.recorded_estimate import EarlierEstimate
 from capture_cli.store.estimate import FORMAT, HISTORY, VERSION, Estimate, EstimateRecord
 
 

@@ -35,7 +35,7 @@ from capture_cli.options.identify import IdentifyOptions
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier
 from capture_cli.stages.identification.in_context import InContext, LoggedRounds, logged_rounds, walk_log
-from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
+from capture_cli.stages.recorded.recorded_estimate import EarlierEstimate
 
 
 @frozen
