@@ -11,7 +11,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import place, scaled_unit, significant, titled, with_unit
 from capture_cli.report.curves import SETTINGS as CURVES
 from capture_cli.report.diagnosis_findings import PARTS, Moved, StageErrors, moved, shift, stage_errors
-from capture_cli.report.plotly_parts import NO_BUTTONS, Plot, heading, in_template, line, rounded
+from capture_cli.report.plotly_parts import NO_BUTTONS, Plot, heading, in_template, line, points, rounded
 from capture_cli.store.diagnosis import Diagnosis, DiagnosisRecord
 
 COLORS = {"fit": "--measured", "select": "--select", "test": "--test"}
@@ -70,16 +70,13 @@ def absorbed(record: DiagnosisRecord) -> Plot | None:
     below, above = zip(*(whiskers(spans[name]) for name in names), strict=True)
     reach = {"symmetric": False, "array": rounded(above), "arrayminus": rounded(below)}
     ring = {"color": "--paper", "size": 11, "line": {"color": "--before", "width": 2.5}}
+    dot = {"color": "--after", "size": 11}
+    bars = {**reach, "color": "--after", "thickness": 1.5, "width": 4}
+    then = {"text": [_told(row, row.before) for row in rows], "hovertemplate": "%{text}<extra></extra>"}
+    now = {**then, "text": [f"{row.name} {shift(row)}" for row in rows], "error_x": bars}
     data = [
-        _points("declared", before, names, ring, [_told(row, row.before) for row in rows]),
-        _points(
-            "with what was found",
-            after,
-            names,
-            {"color": "--after", "size": 11},
-            [f"{row.name} {shift(row)}" for row in rows],
-        )
-        | {"error_x": {**reach, "color": "--after", "thickness": 1.5, "width": 4}},
+        points(rounded(before), names, ring, name="declared", **then),
+        points(rounded(after), names, dot, name="with what was found", **now),
     ]
     layout = {
         "hovermode": "closest",
@@ -208,19 +205,6 @@ def _reach(found: StageErrors) -> Plot:
     values = [v for errors in found.errors.values() for v in errors if v > 0]
     low = min([*values, found.floor] if found.floor and found.floor > min(values) / 30 else values)
     return {"type": "log", "dtick": 1, "range": [np.log10(low / 2), np.log10(max(values) * 1.3)]}
-
-
-def _points(name: str, x: list[float], y: list[str], marker: Plot, text: list[str]) -> Plot:
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": name,
-        "x": rounded(x),
-        "y": y,
-        "marker": marker,
-        "text": text,
-        "hovertemplate": "%{text}<extra></extra>",
-    }
 
 
 def _told(row: Moved, value: float) -> str:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from capture_cli.report.figure_parts import MUTED, new_figure, restrain, save, title
+from capture_cli.report.figure_parts import legend, new_figure, restrain, save, title
 from capture_cli.store.evaluation import EvaluationRecord
 
 OURS, PAPER = "#1f6391", "#c8430a"
@@ -97,7 +97,5 @@ def _looks(record: EvaluationRecord):
 
 def _finished(figure: Figure, record: EvaluationRecord) -> Figure:
     handles = [Line2D([], [], label=label, **look) for label, _, look in _looks(record)]
-    look = {"frameon": False, "fontsize": 9, "labelcolor": MUTED}
-    legend_columns = 4
-    figure.legend(handles=handles, loc="outside upper left", ncols=legend_columns, **look)
+    legend(figure, handles, columns=4)
     return figure

@@ -197,12 +197,12 @@ def finish(figure: Figure, axes: np.ndarray, curves: Curves, handles: list) -> F
     return figure
 
 
-def legend(figure: Figure, handles: list) -> None:
-    """A legend over the figure."""
+def legend(figure: Figure, handles: list, columns: int | None = None) -> None:
+    """A legend over the figure, in so many columns; beside each other where None."""
     if handles:
         look = {"frameon": False, "fontsize": 9, "labelcolor": MUTED}
         loc = "outside upper left" if figure.get_layout_engine() else "upper left"
-        figure.legend(handles=handles, loc=loc, ncols=len(handles), **look)
+        figure.legend(handles=handles, loc=loc, ncols=columns or len(handles), **look)
 
 
 def named(axis: Axes, names: Sequence[str]) -> None:

@@ -9,7 +9,16 @@ import numpy as np
 
 from capture_cli.common.quantities import place, shown_unit, titled
 from capture_cli.report.findings import correlation
-from capture_cli.report.plotly_parts import NO_BUTTONS, Plot, band, heading, in_template, line, rounded
+from capture_cli.report.plotly_parts import (
+    NO_BUTTONS,
+    Plot,
+    band,
+    heading,
+    in_template,
+    line,
+    points,
+    rounded,
+)
 from capture_cli.store.estimate import Estimate, EstimateRecord
 
 # Of one luminance, so that they hold on light and on dark.
@@ -157,18 +166,16 @@ def _panel(row: int, column: int, rows: int, columns: int, number: str) -> Plot:
 
 def _recording_points(names, own: Mapping[str, Any], unit: str, number: str) -> Plot:
     half = [1.96 * (sd or 0.0) for sd in own["sd"]]
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "x": own["values"],
-        "y": names,
-        "error_x": {"array": half, "color": "--accent", "thickness": 1.5, "width": 4},
-        "marker": {"color": "--accent", "size": 8},
-        "xaxis": f"x{number}",
-        "yaxis": f"y{number}",
-        "showlegend": False,
-        "hovertemplate": f"%{{y}}: %{{x:.5g}} {in_template(shown_unit(unit))}<extra></extra>",
-    }
+    return points(
+        own["values"],
+        names,
+        {"color": "--accent", "size": 8},
+        error_x={"array": half, "color": "--accent", "thickness": 1.5, "width": 4},
+        xaxis=f"x{number}",
+        yaxis=f"y{number}",
+        showlegend=False,
+        hovertemplate=f"%{{y}}: %{{x:.5g}} {in_template(shown_unit(unit))}<extra></extra>",
+    )
 
 
 def _decades(errors: np.ndarray) -> float:

@@ -31,17 +31,15 @@ def line(name: str, color: str, x=None, y=None, *, width: float = 1.5, axes: str
     return trace | more
 
 
+def points(x: list, y: list, marker: Plot, **more) -> Plot:
+    """A marker at each x, y (n,)."""
+    return {"type": "scatter", "mode": "markers", "x": x, "y": y, "marker": marker, **more}
+
+
 def swatch(name: str, color: str) -> Plot:
     """A legend entry for something that is shaded."""
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": name,
-        "x": [None],
-        "y": [None],
-        "marker": {"color": color, "symbol": "square", "size": 14, "line": {"width": 0}},
-        "hoverinfo": "skip",
-    }
+    square = {"color": color, "symbol": "square", "size": 14, "line": {"width": 0}}
+    return points([None], [None], square, name=name, hoverinfo="skip")
 
 
 def band(low: float, high: float, *, along: str, across: str, color: str, edge: str | None = None) -> Plot:

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter, PercentFormatter
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from capture_cli.report.figure_parts import INK, MUTED, PALETTE, RULE, new_figure, save
+from capture_cli.report.figure_parts import PALETTE, RULE, new_figure, restrain, save, title
 from capture_cli.store.trained import TrainedIdentifier, TrainedPolicy
 
 
@@ -42,20 +43,17 @@ def write_identifier_figure(
     loss, error = figure.subplots(1, 2)
     steps = [m["step"] for m in metrics]
     loss.plot(steps, [m["validation_loss"] for m in metrics], color=PALETTE["--simulated"])
-    loss.set_title("negative log likelihood" if likelihood else "mean squared error", loc="left", fontsize=10)
+    title(loss, "negative log likelihood" if likelihood else "mean squared error")
     for key, label, color in (
         ("mean_absolute_error", "all rounds", PALETTE["--before"]),
         ("last_round_error", "last round of the window", PALETTE["--after"]),
     ):
         error.plot(steps, [m[key] for m in metrics], color=color, label=label)
-    error.set_title("mean absolute error, share of the range", loc="left", fontsize=10)
+    title(error, "mean absolute error, share of the range")
     error.legend(frameon=False, fontsize=9)
     for axis in (loss, error):
         axis.axvline(best_step, color=RULE, zorder=0)
-        axis.set_xlabel("step", color=MUTED)
-        axis.xaxis.set_major_formatter(EngFormatter())
-        axis.tick_params(colors=INK, labelsize=9)
-        axis.spines[["top", "right"]].set_visible(False)
+        _along(axis, "step")
         if not (likelihood and axis is loss):
             axis.set_yscale("log")
     return save({"loss": lambda: figure}, folder)
@@ -87,13 +85,17 @@ def write_policy_figure(
         axis.plot(steps, exploring, color=PALETTE["--before"], lw=1, label="while exploring")
         random = result["random"][key]
         axis.axhline(random, color=PALETTE["--nominal"], lw=1, ls=(0, (2, 2)), label="random policy")
-        axis.set_title(key, loc="left", fontsize=10)
-        axis.set_xlabel("episodes", color=MUTED)
-        axis.xaxis.set_major_formatter(EngFormatter())
-        axis.tick_params(colors=INK, labelsize=9)
-        axis.spines[["top", "right"]].set_visible(False)
+        title(axis, key)
+        _along(axis, "episodes")
         if key == "success":
             axis.set_ylim(-0.03, 1.03)
             axis.yaxis.set_major_formatter(PercentFormatter(1.0))
             axis.legend(frameon=False, fontsize=9)
     return save({"training": lambda: figure}, folder)
+
+
+def _along(axis: Axes, what: str) -> None:
+    """The axis of a training: numbers of `what`, thousands and millions of them."""
+    restrain(axis)
+    axis.set_xlabel(what)
+    axis.xaxis.set_major_formatter(EngFormatter())
