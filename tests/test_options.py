@@ -30,6 +30,24 @@ def test_options_are_frozen_and_those_of_any_command_come_last(kind):
     assert names[-len(last) :] == last == sorted(last, key=LAST.index)
 
 
+@pytest.mark.parametrize(
+    "given, named",
+    [
+        ({"episodes": 0}, ["--episodes 0", "a whole number of 1 or more"]),
+        ({"seed": -1}, ["--seed -1", "a whole number from 0 to"]),
+        ({"rate": 0.0}, ["--rate 0", "a number above 0"]),
+        ({"rate": float("inf")}, ["--rate inf", "a number above 0"]),
+        ({"duration": float("nan")}, ["--duration nan", "a number above 0"]),
+        ({"belief": "nominl"}, ["--belief 'nominl'", "did you mean 'nominal'"]),
+    ],
+)
+def test_what_an_option_does_not_take_is_refused_of_whoever_gives_it(given, named):
+    with pytest.raises(OptionError) as error:
+        RecordOptions(task="scooping", out=Path("log.zarr"), **given)
+    assert all(part in str(error.value) for part in named)
+    RecordOptions(task="scooping", out=Path("log.zarr"), episodes=1, seed=0, rate=1e-3, belief="random")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Weighing(Writing):
     """What is weighed."""

@@ -146,7 +146,7 @@ def test_identify_recovers_the_planted_parameters(recorded, tmp_path, without_pa
         ({"duration": 3.0}, "--duration means nothing"),
         ({"start": {"puck_x": (0.0, 0.1)}}, "--start means nothing"),
         ({"amplitude": {"mallet_vx": 1.0}}, "--amplitude means nothing"),
-        ({"duration": 0.0}, "--duration means nothing"),
+        ({"duration": 0.0}, "--duration 0"),
         ({"rate": -5.0}, "--rate -5"),
         ({"policy": "nobody"}, "neither a policy nor a checkpoint"),
         ({"belief": "certain"}, "unknown --belief 'certain'"),

@@ -10,6 +10,7 @@ import typer
 
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.errors import OptionError
+from capture_cli.options.base import range_of
 
 UsageError = (
     typer.BadParameter.__base__
@@ -70,7 +71,7 @@ def _wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> Option
     found = " ".join(map(str, value)) if several else str(value)
     found = _short(found)
     low, high = next((p.min, p.max) for p in parts if hasattr(p, "min") and hasattr(p, "max"))
-    cure = f"give {len(value)} numbers" if several else f"give a {kind}{_range(low, high)}"
+    cure = f"give {len(value)} numbers" if several else f"give a {kind}{range_of(low, high)}"
     return OptionError(f"{where}{error.param.opts[0]} {found}", cure=cure)
 
 
@@ -85,11 +86,3 @@ _NUMBERS = {int: "whole number", float: "number"}
 def _parts(hint: Any) -> list[Any]:
     """A type hint and what it is made of."""
     return [hint, *(part for piece in get_args(hint) for part in _parts(piece))]
-
-
-def _range(low: float | None, high: float | None) -> str:
-    if low is None and high is None:
-        return ""
-    if high is None:
-        return f" of {low} or more"
-    return f" of {high} at most" if low is None else f" from {low} to {high}"

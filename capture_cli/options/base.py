@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import inspect
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_type_hints
@@ -12,6 +13,7 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar, get_type_hints
 import typer
 from typer.models import ArgumentInfo, OptionInfo
 
+from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.options.completion import Completion, words
 from capture_cli.options.config import Config
 
@@ -40,13 +42,23 @@ def described(
     return typer.Option(name or ..., help=help, autocompletion=completion or None, **more)
 
 
-def option(default: Any, help: str, *, text: Text | None = None, **more: Any) -> Any:
+def option(
+    default: Any,
+    help: str,
+    *,
+    text: Text | None = None,
+    one_of: Sequence[str] = (),
+    within: tuple[float, float] | None = None,
+    **more: Any,
+) -> Any:
     """A field of options that the command line has; it has to be given there where `default` is `...`.
 
-    text: where what is written has to be read. more: as `described` takes it.
+    text: where what is written has to be read. one_of: all words that there are. within: what a number is between, and
+    neither of them; ends that it may be are `min` and `max`. more: as `described` takes it.
     """
     given = {"default_factory": dict} if default == {} else {} if default is ... else {"default": default}
-    return field(metadata={"option": described(help, **more), "text": text}, **given)
+    info = described(help, **{"offers": one_of, **more})
+    return field(metadata={"option": info, "text": text, "one_of": one_of, "within": within}, **given)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +69,11 @@ class Options:
 
     config: Config = None
     unrecorded: ClassVar[tuple[str, ...]] = UNRECORDED  # fields that provenance leaves out
+
+    def __post_init__(self) -> None:
+        """Raises OptionError for a word or a number that an option does not take."""
+        for own in self._ordered():
+            own.check(getattr(self, own.name))
 
     @classmethod
     def parameters(cls) -> list[inspect.Parameter]:
@@ -99,13 +116,14 @@ class Options:
 
 @dataclass(frozen=True)
 class _Field:
-    """kind: its type on the command line. info: what typer has of it; None where it is not there."""
+    """kind: its type on the command line. info: what typer has of it; None where it is not there. more: of `option`."""
 
     name: str
     kind: Any
     default: Any
     info: OptionInfo | ArgumentInfo | None
     text: Text | None
+    more: Mapping[str, Any]
 
     @classmethod
     def of(cls, own: Field, hint: Any) -> _Field:
@@ -118,7 +136,8 @@ class _Field:
             info = copy.copy(info)
             info.default = f"--{own.name.replace('_', '-')}"
         default = own.default_factory() if own.default_factory is not MISSING else own.default
-        return cls(own.name, kind, inspect.Parameter.empty if default is MISSING else default, info, text)
+        empty = inspect.Parameter.empty if default is MISSING else default
+        return cls(own.name, kind, empty, info, text, own.metadata)
 
     @property
     def written(self) -> Any:
@@ -126,6 +145,31 @@ class _Field:
         if self.default is inspect.Parameter.empty:
             return self.default
         return [] if self.kind == list[str] else None if self.text else self.default
+
+    def check(self, value: Any) -> None:
+        """Raise OptionError where the option does not take the value."""
+        words, within = self.more.get("one_of"), self.more.get("within")
+        if words and value not in words:
+            raise OptionError(f"unknown {self.info.default} {value!r}", cure=did_you_mean(value, words))
+        if self.info is None or not isinstance(value, int | float):
+            return
+        (above, below), low, high = within or (-math.inf, math.inf), self.info.min, self.info.max
+        if not (above < value < below and (low is None or low <= value) and (high is None or value <= high)):
+            kind = "whole number" if isinstance(value, int) else "number"
+            raise OptionError(
+                f"{self.info.default} {value}", cure=f"give a {kind}{range_of(low, high, within)}"
+            )
+
+
+def range_of(low: float | None, high: float | None, within: tuple[float, float] | None = None) -> str:
+    """What numbers an option takes, in words, to go on with after "a number"."""
+    if within is not None:
+        return f" above {within[0]:g}" + ("" if within[1] == math.inf else f" and below {within[1]:g}")
+    if low is None and high is None:
+        return ""
+    if high is None:
+        return f" of {low} or more"
+    return f" of {high} at most" if low is None else f" from {low} to {high}"
 
 
 def on_command_line(command: Callable[[Any], None]) -> Callable[..., None]:

@@ -53,7 +53,7 @@ class GenHistoriesOptions(Simulating):
         None, "For a task.toml: lowest and highest Hz of the multisines, say --band 0.1 3."
     )
     executor: str = option(
-        "local", "Where to simulate: local, or ray (an extra) for a cluster.", offers=("local", "ray")
+        "local", "Where to simulate: local, or ray (an extra) for a cluster.", one_of=("local", "ray")
     )
     address: str | None = option(None, "Address of the Ray cluster; one is started without.")
     max_log_size: MaxLogSize = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 from capture_cli.options.base import UNRECORDED, option
@@ -49,11 +50,13 @@ class RecordOptions(Simulating):
     belief: str = option(
         "nominal",
         "What the policy takes the parameters for: nominal, or random each time.",
-        offers=("nominal", "random"),
+        one_of=("nominal", "random"),
     )
     actions_from: Path | None = option(None, "Proposal whose action every episode takes.")
-    duration: float | None = option(None, "Seconds per episode; default 10.")
-    rate: float | None = option(None, "Samples per second; default the model's own, of actions 100.")
+    duration: float | None = option(None, "Seconds per episode; default 10.", within=(0, inf))
+    rate: float | None = option(
+        None, "Samples per second; default the model's own, of actions 100.", within=(0, inf)
+    )
     inputs_from: Path | None = option(None, "Log, or proposal, whose inputs to replay.")
     amplitude: Mapping[str, float] = option({}, "INPUT=PEAK of the multisine.", text=NUMBERS)
     band: tuple[float, float] = option(

@@ -123,5 +123,6 @@ class FittingLog(Writing):
     resume: Resume = False
 
     def __post_init__(self):
+        super().__post_init__()
         if self.out is None:
             object.__setattr__(self, "out", Path(f"{self.real_log.stem}{self.ending}"))

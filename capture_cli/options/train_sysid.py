@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 from capture_cli.options.base import option
 from capture_cli.options.shared import CheckpointOut, Device, Resume, Seed, Writing
@@ -40,15 +41,15 @@ class TrainSysidOptions(Writing):
     dropout: float = option(0.0, "Share of activations dropped.", min=0, max=0.9)
     steps: int = option(20_000, "Optimiser steps at most.", min=1)
     batch: int = option(256, "Windows per step.", min=1)
-    learning_rate: float = option(1e-3, "Highest learning rate.", name="--lr")
+    learning_rate: float = option(1e-3, "Highest learning rate.", name="--lr", within=(0, inf))
     warmup: int = option(200, "Steps until it is reached.", min=0)
     weight_decay: float = option(0.01, "Of AdamW.", min=0)
-    validation: float = option(0.1, "Share of the pairs held out.")
+    validation: float = option(0.1, "Share of the pairs held out.", within=(0, 1))
     patience: int = option(
         10, "Stop after so many evaluations, of 50, without a gain since the warm-up.", min=1
     )
     precision: str = option(
-        "auto", "float32, bfloat16, or auto: bfloat16 on a GPU.", offers=("auto", "float32", "bfloat16")
+        "auto", "float32, bfloat16, or auto: bfloat16 on a GPU.", one_of=("auto", "float32", "bfloat16")
     )
     device: Device = "auto"
     threads: int = option(1, "CPU threads; another number rounds otherwise.", min=1)

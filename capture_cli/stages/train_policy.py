@@ -69,7 +69,6 @@ def train_policy(options: TrainPolicyOptions) -> dict[str, Any]:
     if settings.entropy is None:
         settings = replace(settings, entropy=machine.entropy)
     kind = _trained(options.policy)
-    _check_settings(settings, options.evaluations)
     settings = replace(settings, device=torch_device(options.device, threads=1))
     made = {
         "policy": options.policy,
@@ -125,17 +124,6 @@ def _trained(name: str) -> type[Policy]:
             f"or give {name} to the command that needs a policy",
         )
     return kind
-
-
-def _check_settings(settings: TrainingSettings, evaluations: int) -> None:
-    whole = ("steps", "envs", "updates", "batch", "width", "layers")
-    for name, value in [*((n, getattr(settings, n)) for n in whole), ("evaluations", evaluations)]:
-        if value < 1:
-            raise OptionError(f"--{name} {value}", cure="give at least 1")
-    if not 0 < settings.learning_rate < np.inf:
-        raise OptionError(f"--lr {settings.learning_rate:g}", cure="give a positive number")
-    if not 0 <= settings.entropy < np.inf:
-        raise OptionError(f"--entropy {settings.entropy:g}", cure="give a number of 0 or more")
 
 
 # --- the work ---

@@ -56,7 +56,7 @@ def evaluation_plan(
 
     spelled_out: as `load_evaluated` takes it. Raises CaptureError."""
     require_extras(options.identifiers)
-    _check(options)
+    check_world(options.world, options.robot)
     noise, policy = options.noise, options.policy
     machine = _action_task(options.task, policy, options.histories)
     observation_noise.check(noise, [f.name for f in machine.features])
@@ -101,13 +101,6 @@ def _world(options: EvalSim2SimOptions, machine: ActionTask, effects: EffectRang
     world = World(machine, options.robot or WORLD.robot)
     world.try_out()
     return world
-
-
-def _check(options: EvalSim2SimOptions) -> None:
-    check_world(options.world, options.robot)
-    for name in ("pairs", "seeds", "rounds"):
-        if getattr(options, name) < 1:
-            raise OptionError(f"--{name} {getattr(options, name)}", cure="give at least 1")
 
 
 def _action_task(name: str | None, policy: str, histories: Path | None) -> ActionTask:

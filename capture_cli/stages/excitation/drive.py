@@ -32,7 +32,6 @@ class SETTINGS:
     action_rate: float = 100.0  # Hz, of the log of an action unless told otherwise
 
 
-BELIEFS = ("nominal", "random")
 # options that mean nothing where the machine is driven in another way
 OF_ACTIONS = ("policy", "belief", "actions_from")
 OF_POLICIES = ("policy", "belief")
@@ -93,8 +92,6 @@ def drive(task: Task, asked: RecordOptions, generator: np.random.Generator) -> D
     A task of actions is driven by one action per episode, any other by multisines or by the inputs that `inputs_from`
     holds. Raises OptionError, also for an option that means nothing there.
     """
-    if asked.belief not in BELIEFS:
-        raise OptionError(f"unknown --belief {asked.belief!r}", cure=did_you_mean(asked.belief, BELIEFS))
     if isinstance(task, ActionTask):
         _refuse(asked, OF_INPUTS, f"an episode of {task.name!r} is what its action says")
         if asked.actions_from is not None:
@@ -111,7 +108,6 @@ def drive(task: Task, asked: RecordOptions, generator: np.random.Generator) -> D
 
 def _by_actions(task: ActionTask, asked: RecordOptions, generator: np.random.Generator) -> Drive:
     rate = SETTINGS.action_rate if asked.rate is None else asked.rate
-    _check_positive(episodes=asked.episodes, rate=rate)
     _check_rate(rate, task)
     _check_samples(_steps(task, rate), task.point_times[-1], rate)
     _check_size(task, asked, asked.episodes * _steps(task, rate), asked.episodes * task.point_times[-1])
@@ -191,9 +187,7 @@ def _multisines(
     """Multisines in `band` Hz that peak at `amplitude`: time (step,), inputs (step, input), episode ends (episode,)."""
     duration = SETTINGS.duration if asked.duration is None else asked.duration
     amplitude = asked.amplitude or {}
-    _check_positive(episodes=asked.episodes, duration=duration)
     if asked.rate is not None:
-        _check_positive(rate=asked.rate)
         _check_rate(asked.rate, task)
     check_band(asked.band)
     check_amplitude(task, amplitude)
@@ -321,9 +315,3 @@ def _check_sampled(asked: RecordOptions, interval: float, task: Task) -> None:
         f"--band {low:g} {high:g}: {1 / interval:g} samples per second tell nothing above {highest:g} Hz",
         cure=f"give {highest:g} Hz at most" + ("" if asked.rate is None else faster),
     )
-
-
-def _check_positive(**numbers: float) -> None:
-    for name, number in numbers.items():
-        if not 0 < number < np.inf:
-            raise OptionError(f"--{name} {number:g}", cure="give a positive number")
