@@ -37,7 +37,7 @@ from capture_cli.errors import FitError, OptionError, OutputError, StoreError
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.report import training
 from capture_cli.stages import train_sysid as stage
-from capture_cli.stages.train_sysid import signature_of, train_sysid
+from capture_cli.stages.train_sysid import train_sysid
 from capture_cli.store.histories import Histories
 from capture_cli.store.output import unfinished
 
@@ -294,7 +294,7 @@ def test_a_checkpoint_says_what_it_is(trained, store):
         "float32",
         "float64",
     }
-    found = load_identifier(folder, signature_of(Histories(store).attributes))
+    found = load_identifier(folder, Signature.from_document(Histories(store).attributes))
     assert found.name == "capture" and found.model.window == 4
 
 

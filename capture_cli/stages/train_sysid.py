@@ -9,8 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from capture_cli.common.extras import require
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.identifier_checkpoint import read_document, save_identifier
@@ -27,8 +25,6 @@ from capture_cli.context.identifiers._architecture import DEFAULT_TOKENS
 from capture_cli.context.identifiers.base import Rounds, Signature
 from capture_cli.context.torch_device import torch_device
 from capture_cli.errors import OptionError, StoreError
-from capture_cli.model.parameters import Parameter, ParameterSpace
-from capture_cli.model.tasks.base import Feature
 from capture_cli.options.base import takes_options
 from capture_cli.options.train_sysid import TrainSysidOptions
 from capture_cli.store.histories import SCHEMA, Histories, is_url
@@ -60,7 +56,7 @@ def train_sysid(options: TrainSysidOptions) -> dict[str, Any]:
     complete = is_complete(out, force=options.force, resume=resume)
     kind = _learned(options.identifier)
     store = Histories(options.histories)
-    signature = signature_of(store.attributes)
+    signature = Signature.from_document(store.attributes)
     _check_size(store)
     window = _window(kind, options, store.attributes["rounds"])
     _check_tokens(kind, options)
@@ -98,16 +94,6 @@ def train_sysid(options: TrainSysidOptions) -> dict[str, Any]:
         document = _finish(trainer, recipe, folder)
         provenance.write(folder)
     return document
-
-
-def signature_of(attributes: Mapping[str, Any]) -> Signature:
-    """The signature of the task that the histories with these attributes are of."""
-    spaces = (
-        ParameterSpace([Parameter(**p, nominal=(p["low"] + p["high"]) / 2) for p in attributes[name]])
-        for name in ("parameters", "actions")
-    )
-    features = tuple(Feature(**f) for f in attributes["features"])
-    return Signature(attributes["task"], *spaces, features, np.array(attributes["point_times"], dtype=float))
 
 
 # --- checks, before anything is written ---

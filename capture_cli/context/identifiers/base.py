@@ -60,10 +60,10 @@ class Signature:
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> Signature:
-        """What `document` wrote."""
+        """What `document` wrote, or the attributes of histories: these have no nominal values."""
         keys = ("task", "parameters", "actions", "features", "point_times")
         task, parameters, actions, features, times = itemgetter(*keys)(document)
-        spaces = (ParameterSpace([Parameter(**p) for p in rows]) for rows in (parameters, actions))
+        spaces = (ParameterSpace([_parameter(**p) for p in rows]) for rows in (parameters, actions))
         return cls(task, *spaces, tuple(Feature(**f) for f in features), np.array(times, dtype=float))
 
     def differences(self, other: Signature) -> list[str]:
@@ -93,6 +93,10 @@ def _unlike(what: str, mine: Sequence[str], theirs: Sequence[str]) -> list[str]:
     most_named = 3  # differences of one kind
     more = f"; and {len(pairs) - most_named} more" if len(pairs) > most_named else ""
     return [f"{what}: {'; '.join(pairs[:most_named])}{more}"] if pairs else []
+
+
+def _parameter(low: float, high: float, **others: Any) -> Parameter:
+    return Parameter(**{"nominal": (low + high) / 2, **others}, low=low, high=high)
 
 
 def _range(p: Parameter) -> str:
