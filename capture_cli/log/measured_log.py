@@ -103,6 +103,23 @@ class MeasuredLog:
     path: Path | None = field(default=None, compare=False)
     sparse: frozenset[str] = frozenset()
 
+    @classmethod
+    def of_recording(
+        cls, task, recording: dict[str, Any], episode_ends: np.ndarray, **fields: Any
+    ) -> MeasuredLog:
+        """Of one `recording`, {name, source, sha256}, with the channels of `task` (a Task). fields: others, by name."""
+        return cls(
+            task=task.name,
+            episode_ends=episode_ends,
+            recording=np.zeros(len(episode_ends), dtype=np.int64),
+            input_names=tuple(c.name for c in task.inputs),
+            input_units=tuple(c.unit for c in task.inputs),
+            output_names=tuple(c.name for c in task.outputs),
+            output_units=tuple(c.unit for c in task.outputs),
+            recordings=(recording,),
+            **fields,
+        )
+
     @property
     def is_sparse(self) -> np.ndarray:
         """Which outputs are sparse, (output,)."""
@@ -222,41 +239,43 @@ class MeasuredLog:
             for k, name in enumerate(names):
                 yield f"{kind} {name!r}", values[:, k], name in sparse
 
-    def followed_by(self, other: MeasuredLog) -> MeasuredLog:
-        """With the episodes of `other` after its own; recordings of the same name are told apart by a number.
+    def followed_by(self, *others: MeasuredLog) -> MeasuredLog:
+        """With the episodes of `others` after its own; recordings of the same name are told apart by a number.
 
-        Raises LogError where the task, the channels or their units differ, or one has actions and the other has none.
+        Raises LogError where the task, the channels or their units differ, or one has actions and another has none.
         """
-        for what in ("task", "input_names", "input_units", "output_names", "output_units"):
-            mine, theirs = getattr(self, what), getattr(other, what)
-            if mine != theirs:
+        logs = (self, *others)
+        for other in others:
+            for what in ("task", "input_names", "input_units", "output_names", "output_units"):
+                mine, theirs = getattr(self, what), getattr(other, what)
+                if mine != theirs:
+                    found = f"its {what.replace('_', ' ')} {_listed(theirs)}; {self.path} has {_listed(mine)}"
+                    cure = "import it with the task of the log that it is to be added to"
+                    raise LogError(f"{other.path}: {found}", cure=cure)
+            if (self.actions is None) != (other.actions is None):
+                without, having = (self, other) if self.actions is None else (other, self)
                 raise LogError(
-                    f"{other.path}: its {what.replace('_', ' ')} {_listed(theirs)}; {self.path} has {_listed(mine)}",
-                    cure="import it with the task of the log that it is to be added to",
+                    f"{without.path} has no actions, and {having.path} has",
+                    cure="give the actions of every episode, in columns action.NAME of a file, or of none",
                 )
-        if (self.actions is None) != (other.actions is None):
-            without = self.path if self.actions is None else other.path
-            raise LogError(
-                f"{without} has no actions, and the other log has",
-                cure="give the actions of every episode, or of none",
-            )
-        names, recordings = set(self.recording_names), list(self.recordings)
-        for recording in other.recordings:
+        recordings: dict[str, dict[str, Any]] = {}
+        for recording in (r for log in logs for r in log.recordings):
             name, number = recording["name"], 2
-            while name in names:
+            while name in recordings:
                 name, number = f"{recording['name']}-{number}", number + 1
-            names.add(name)
-            recordings.append({**recording, "name": name})
+            recordings[name] = {**recording, "name": name}
+        steps = np.cumsum([0, *(len(log.time) for log in logs[:-1])])
+        files = np.cumsum([0, *(len(log.recordings) for log in logs[:-1])])
         return replace(
             self,
-            time=np.concatenate([self.time, other.time]),
-            inputs=np.concatenate([self.inputs, other.inputs]),
-            outputs=np.concatenate([self.outputs, other.outputs]),
-            episode_ends=np.concatenate([self.episode_ends, other.episode_ends + len(self.time)]),
-            recording=np.concatenate([self.recording, other.recording + len(self.recordings)]),
-            recordings=tuple(recordings),
-            actions=None if self.actions is None else np.concatenate([self.actions, other.actions]),
-            sparse=self.sparse | other.sparse,
+            time=np.concatenate([log.time for log in logs]),
+            inputs=np.concatenate([log.inputs for log in logs]),
+            outputs=np.concatenate([log.outputs for log in logs]),
+            episode_ends=np.concatenate([log.episode_ends + b for log, b in zip(logs, steps, strict=True)]),
+            recording=np.concatenate([log.recording + b for log, b in zip(logs, files, strict=True)]),
+            recordings=tuple(recordings.values()),
+            actions=None if self.actions is None else np.concatenate([log.actions for log in logs]),
+            sparse=frozenset().union(*(log.sparse for log in logs)),
         )
 
     def write(self, path: Path) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
-from functools import reduce
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
@@ -77,7 +76,8 @@ def import_log(options: ImportLogOptions) -> MeasuredLog:
         if options.even_times:
             logs = [with_even_times(log) for log in logs]
         refuse_repeated([*held, *logs])
-        log = reduce(MeasuredLog.followed_by, [*held, *logs]).check()
+        first, *others = [*held, *logs]
+        log = first.followed_by(*others).check()
         _check_long_enough(log, machine)
         with new_directory(out, force=options.force or append) as folder:
             log.write(folder)
@@ -91,11 +91,11 @@ def _read(options: ImportLogOptions, sources: Sequence[SourceFile], task: Task) 
     recordings = {s.path: _read_recording(s, n, task, options) for s, n in zip(sources, names, strict=True)}
     logs = []
     for stored, run in groupby(map(Path, options.files), key=_is_store):
-        paths = list(run)
         if stored:
-            logs += [MeasuredLog.read(path, options.max_log_size) for path in paths]
+            logs += [MeasuredLog.read(path, options.max_log_size) for path in run]
         else:
-            logs.append(replace(_join([recordings[path] for path in paths], task), path=paths[0]))
+            first, *others = [recordings[path] for path in run]
+            logs.append(first.followed_by(*others))
     return logs
 
 
@@ -112,19 +112,6 @@ def _check_task(log: MeasuredLog, task: Task) -> None:
     check_fits(log, task)
 
 
-@dataclass(frozen=True)
-class _Recording:
-    """One file: data (step, channel): time, inputs, outputs in the task's units; episode_ends (episode,).
-
-    actions (episode, action), where the file holds them.
-    """
-
-    data: np.ndarray
-    episode_ends: np.ndarray
-    source: dict[str, str | int]
-    actions: np.ndarray | None
-
-
 def _recording_names(files: Sequence[Path]) -> list[str]:
     """The stems, with as many folders before them as it takes to make them differ. Raises LogError."""
     places = [resolved(f) for f in files]
@@ -139,7 +126,7 @@ def _recording_names(files: Sequence[Path]) -> list[str]:
     return [f.name for f in files]  # run.csv and run.parquet in one folder
 
 
-def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLogOptions) -> _Recording:
+def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLogOptions) -> MeasuredLog:
     channels = (*task.inputs, *task.outputs)
     columns = [task.log.time, *(c.column for c in channels)]
     may_miss = np.array([False, *(c.sparse for c in channels)])
@@ -188,8 +175,17 @@ def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLo
             "outputs": {c.name: list(c.read_as) for c in task.outputs},
         },
     }
-    begins = np.array([0, *ends[:-1]])
-    return _Recording(data, ends, described, None if actions is None else actions[begins])
+    return MeasuredLog.of_recording(
+        task,
+        described,
+        ends,
+        time=data[:, 0],
+        inputs=data[:, 1 : 1 + len(task.inputs)],
+        outputs=data[:, 1 + len(task.inputs) :],
+        actions=None if actions is None else actions[[0, *ends[:-1]]],
+        path=source.path,
+        sparse=frozenset(c.name for c in task.outputs if c.sparse),
+    )
 
 
 def _data(source: SourceFile, columns: Sequence[str], task: Task) -> np.ndarray:
@@ -465,38 +461,6 @@ def _check_measurable(
         cure="correct the value, or scale and offset in the task.toml; if it marks what was not measured, leave the "
         "cell empty and add --drop-nan",
     )
-
-
-def _join(recordings: Sequence[_Recording], task: Task) -> MeasuredLog:
-    data = np.concatenate([r.data for r in recordings])
-    before = np.cumsum([0, *(len(r.data) for r in recordings)])
-    return MeasuredLog(
-        task=task.name,
-        time=data[:, 0],
-        inputs=data[:, 1 : 1 + len(task.inputs)],
-        outputs=data[:, 1 + len(task.inputs) :],
-        episode_ends=np.concatenate(
-            [r.episode_ends + b for r, b in zip(recordings, before[:-1], strict=True)]
-        ),
-        recording=np.repeat(np.arange(len(recordings)), [len(r.episode_ends) for r in recordings]),
-        input_names=tuple(c.name for c in task.inputs),
-        input_units=tuple(c.unit for c in task.inputs),
-        output_names=tuple(c.name for c in task.outputs),
-        output_units=tuple(c.unit for c in task.outputs),
-        recordings=tuple(r.source for r in recordings),
-        actions=_joined_actions(recordings),
-        sparse=frozenset(c.name for c in task.outputs if c.sparse),
-    )
-
-
-def _joined_actions(recordings: Sequence[_Recording]) -> np.ndarray | None:
-    given = [r.actions is not None for r in recordings]
-    if any(given) and not all(given):
-        without = recordings[given.index(False)].source["source"]
-        raise LogError(
-            f"{without} has no columns action.NAME, and other files have", cure="give them in all, or in none"
-        )
-    return np.concatenate([r.actions for r in recordings]) if all(given) else None
 
 
 def _check_long_enough(log: MeasuredLog, task: Task) -> None:

@@ -63,20 +63,9 @@ class Drive:
 
     def log(self, task: Task, outputs: np.ndarray, *, name: str, source: str) -> MeasuredLog:
         """The log of one recording `name`, made by `source`, in which the outputs (step, output) were measured."""
-        return MeasuredLog(
-            task=task.name,
-            time=self.time,
-            inputs=self.inputs,
-            outputs=outputs,
-            episode_ends=self.ends,
-            recording=np.zeros(len(self.ends), dtype=np.int64),
-            input_names=tuple(c.name for c in task.inputs),
-            input_units=tuple(c.unit for c in task.inputs),
-            output_names=tuple(c.name for c in task.outputs),
-            output_units=tuple(c.unit for c in task.outputs),
-            recordings=({"name": name, "source": source, "sha256": None},),
-            actions=self.actions,
-        )
+        recording = {"name": name, "source": source, "sha256": None}
+        measured = {"time": self.time, "inputs": self.inputs, "outputs": outputs, "actions": self.actions}
+        return MeasuredLog.of_recording(task, recording, self.ends, **measured)
 
 
 def _refuse(asked: RecordOptions, names: Sequence[str], why: str) -> None:
