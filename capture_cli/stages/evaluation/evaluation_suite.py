@@ -175,15 +175,10 @@ def _evaluate_all(
     for number, (cell, plan) in enumerate(plans.items(), 1):
         if not quiet:
             print(f"[{number}/{len(plans)}] {cell.name}", file=sys.stderr, flush=True)
-        documents[cell.name] = _evaluated(plan, asked[cell], folder / cell.name)
+        place = folder / cell.name  # which an earlier run may have completed or begun
+        made = completed(place, plan) if place.exists() else carry_out(plan, asked[cell], place)
+        documents[cell.name] = made.document
     return documents
-
-
-def _evaluated(plan: EvaluationPlan, options: EvalSim2SimOptions, place: Path) -> dict[str, Any]:
-    """evaluation.json of a cell, which an earlier run may have completed or begun."""
-    if place.exists():
-        return completed(place, plan).document
-    return carry_out(plan, options, place).document
 
 
 def _completed(out: Path, plans: dict[Cell, EvaluationPlan]) -> dict[str, Any]:
