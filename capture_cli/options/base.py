@@ -33,32 +33,32 @@ class Text:
 
 
 def described(
-    help: str, *, name: str | None = None, offers: Completion | Sequence[str] = (), **more: Any
-) -> OptionInfo:
-    """What typer has of an option. name: where it is not called after its field. offers: what the shell does, or these
-    words. more: as typer.Option takes it.
-    """
-    completion = offers if callable(offers) or not offers else words(*offers)
-    return typer.Option(name or ..., help=help, autocompletion=completion or None, **more)
-
-
-def option(
-    default: Any,
     help: str,
     *,
-    text: Text | None = None,
+    name: str | None = None,
+    offers: Completion | Sequence[str] = (),
     one_of: Sequence[str] = (),
     within: tuple[float, float] | None = None,
     **more: Any,
-) -> Any:
+) -> OptionInfo:
+    """What typer has of an option. name: where it is not called after its field. offers: what the shell does, or these
+    words. one_of: all words that it may be. within: what a number is between, and neither of them; ends that it may be
+    are `min` and `max`. more: as typer.Option takes it.
+    """
+    offers = one_of or offers
+    completion = offers if callable(offers) or not offers else words(*offers)
+    info = typer.Option(name or ..., help=help, autocompletion=completion or None, **more)
+    info.one_of, info.within = one_of, within
+    return info
+
+
+def option(default: Any, help: str, *, text: Text | None = None, **more: Any) -> Any:
     """A field of options that the command line has; it has to be given there where `default` is `...`.
 
-    text: where what is written has to be read. one_of: all words that there are. within: what a number is between, and
-    neither of them; ends that it may be are `min` and `max`. more: as `described` takes it.
+    text: where what is written has to be read. more: as `described` takes it.
     """
     given = {"default_factory": dict} if default == {} else {} if default is ... else {"default": default}
-    info = described(help, **{"offers": one_of, **more})
-    return field(metadata={"option": info, "text": text, "one_of": one_of, "within": within}, **given)
+    return field(metadata={"option": described(help, **more), "text": text}, **given)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,14 +116,13 @@ class Options:
 
 @dataclass(frozen=True)
 class _Field:
-    """kind: its type on the command line. info: what typer has of it; None where it is not there. more: of `option`."""
+    """kind: its type on the command line. info: what typer has of it; None where it is not there."""
 
     name: str
     kind: Any
     default: Any
     info: OptionInfo | ArgumentInfo | None
     text: Text | None
-    more: Mapping[str, Any]
 
     @classmethod
     def of(cls, own: Field, hint: Any) -> _Field:
@@ -136,8 +135,7 @@ class _Field:
             info = copy.copy(info)
             info.default = f"--{own.name.replace('_', '-')}"
         default = own.default_factory() if own.default_factory is not MISSING else own.default
-        empty = inspect.Parameter.empty if default is MISSING else default
-        return cls(own.name, kind, empty, info, text, own.metadata)
+        return cls(own.name, kind, inspect.Parameter.empty if default is MISSING else default, info, text)
 
     @property
     def written(self) -> Any:
@@ -148,9 +146,9 @@ class _Field:
 
     def check(self, value: Any) -> None:
         """Raise OptionError where the option does not take the value."""
-        words, within = self.more.get("one_of"), self.more.get("within")
-        if words and value not in words:
-            raise OptionError(f"unknown {self.info.default} {value!r}", cure=did_you_mean(value, words))
+        offered, within = (getattr(self.info, name, None) for name in ("one_of", "within"))
+        if offered and value is not None and value not in offered:
+            raise OptionError(f"unknown {self.info.default} {value!r}", cure=did_you_mean(value, offered))
         if self.info is None or not isinstance(value, int | float):
             return
         (above, below), low, high = within or (-math.inf, math.inf), self.info.min, self.info.max

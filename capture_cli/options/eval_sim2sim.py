@@ -27,7 +27,7 @@ class EvalSim2SimOptions(Simulating):
     suite: str | None = option(
         None,
         "paper: all its comparisons; --identifier and --policy take folders of checkpoints.",
-        offers=("paper",),
+        one_of=("paper",),
     )
     cells: list[str] = option((), "Of the suite, this comparison alone.", name="--cell")
     histories: Path | None = option(None, "Of a task.toml: histories whose actions rounds take, at random.")

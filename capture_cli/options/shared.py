@@ -53,7 +53,7 @@ AddedEstimate = Annotated[
 World = Annotated[
     str,
     described(
-        "plant, or robosuite (an extra): the whole scene and its robot.", offers=("plant", "robosuite")
+        "plant, or robosuite (an extra): the whole scene and its robot.", one_of=("plant", "robosuite")
     ),
 ]
 Robot = Annotated[
@@ -68,7 +68,7 @@ ObservationNoise = Annotated[
 ]
 Device = Annotated[
     str,
-    described("Of the networks: cpu, cuda, or auto: a GPU if there is one.", offers=("auto", "cpu", "cuda")),
+    described("Of the networks: cpu, cuda, or auto: a GPU if there is one.", one_of=("auto", "cpu", "cuda")),
 ]
 
 

@@ -23,7 +23,7 @@ from capture_cli.model.tasks.base import ActionTask, Task
 if TYPE_CHECKING:
     from capture_cli.context.worlds._scene import Played, Scene
 
-WORLDS = PLANT, ROBOSUITE = ("plant", "robosuite")
+PLANT, ROBOSUITE = ("plant", "robosuite")
 
 
 @frozen
@@ -35,9 +35,7 @@ class SETTINGS:
 
 
 def check_world(world: str, robot: str | None) -> None:
-    """Raise OptionError where there is no such world, it needs what is not installed, or it has no robot to choose."""
-    if world not in WORLDS:
-        raise OptionError(f"unknown --world {world!r}", cure=did_you_mean(world, WORLDS))
+    """Raise OptionError where the world needs what is not installed, or it has no robot to choose."""
     if world == ROBOSUITE:
         require("robosuite", "--world robosuite")
     elif robot is not None:

@@ -198,8 +198,6 @@ def _completed(out: Path, plans: dict[Cell, EvaluationPlan]) -> dict[str, Any]:
 
 
 def _cells(suite: str, task: str | None, only: Sequence[str]) -> list[Cell]:
-    if suite not in SUITES:
-        raise OptionError(f"--suite {suite!r}", cure=did_you_mean(suite, SUITES))
     tasks = {c.task for c in SUITES[suite]}
     if task is not None and task not in tasks:
         raise OptionError(f"--suite {suite} has no task {task!r}", cure=did_you_mean(task, tasks))
