@@ -8,9 +8,8 @@ from typing import Any, get_args, get_type_hints
 
 import typer
 
-from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.errors import OptionError
-from capture_cli.options.base import range_of
+from capture_cli.options.base import range_of, short
 
 UsageError = (
     typer.BadParameter.__base__
@@ -21,28 +20,6 @@ def wrong_usage(error: UsageError, arguments: Sequence[str]) -> OptionError:
     """What is wrong with the `arguments` of a command, of which the library that reads options says `error`."""
     number = _wrong_number(error, arguments) if isinstance(error, typer.BadParameter) else None
     return number or _otherwise(error)
-
-
-def check_numbers(context: typer.Context) -> None:
-    """Raise OptionError where an option is a number that no work ends with: not finite, or too large."""
-    largest_whole = 2**31 - 1  # of what is counted
-    for param in context.command.params:
-        given = context.params.get(param.name)
-        for value in given if isinstance(given, list | tuple) else (given,):
-            if isinstance(value, float) and not abs(value) <= DOCUMENTS.largest:
-                raise OptionError(
-                    f"{param.opts[0]} {value:g}",
-                    cure=f"give a finite number, of {DOCUMENTS.largest:g} at most",
-                )
-            if (
-                isinstance(value, int)
-                and value > largest_whole
-                and param.name not in ("seed", "max_log_size")
-            ):
-                raise OptionError(
-                    f"{param.opts[0]} {_short(str(value))}",
-                    cure=f"give a whole number of {largest_whole} at most",
-                )
 
 
 def _otherwise(error: UsageError) -> OptionError:
@@ -69,15 +46,10 @@ def _wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> Option
         return None
     several = isinstance(value, list | tuple)
     found = " ".join(map(str, value)) if several else str(value)
-    found = _short(found)
+    found = short(found)
     low, high = next((p.min, p.max) for p in parts if hasattr(p, "min") and hasattr(p, "max"))
     cure = f"give {len(value)} numbers" if several else f"give a {kind}{range_of(low, high)}"
     return OptionError(f"{where}{error.param.opts[0]} {found}", cure=cure)
-
-
-def _short(text: str) -> str:
-    shown = 60  # characters of what was found
-    return text if len(text) <= shown else f"{text[:shown]}... ({len(text)} characters)"
 
 
 _NUMBERS = {int: "whole number", float: "number"}

@@ -17,7 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from capture_cli import __version__
 from capture_cli.cli._surroundings import check_surroundings
-from capture_cli.cli._wrong_usage import UsageError, check_numbers, wrong_usage
+from capture_cli.cli._wrong_usage import UsageError, wrong_usage
 from capture_cli.common.registry import with_first
 from capture_cli.options.base import on_command_line
 
@@ -81,7 +81,6 @@ class _Commands(TyperGroup):
 class _Command(TyperCommand):
     def invoke(self, ctx):
         check_surroundings()
-        check_numbers(ctx)
         if ctx.params.get("config") is not None:
             from capture_cli.store.output import refuse_inputs
 

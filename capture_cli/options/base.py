@@ -13,6 +13,7 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar, get_type_hints
 import typer
 from typer.models import ArgumentInfo, OptionInfo
 
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.options.completion import Completion, words
 from capture_cli.options.config import Config
@@ -145,18 +146,34 @@ class _Field:
         return [] if self.kind == list[str] else None if self.text else self.default
 
     def check(self, value: Any) -> None:
-        """Raise OptionError where the option does not take the value."""
-        offered, within = (getattr(self.info, name, None) for name in ("one_of", "within"))
+        """Raise OptionError where the option does not take the value, or no work ends with such a number."""
+        offered = getattr(self.info, "one_of", ())
         if offered and value is not None and value not in offered:
             raise OptionError(f"unknown {self.info.default} {value!r}", cure=did_you_mean(value, offered))
-        if self.info is None or not isinstance(value, int | float):
+        for number in value if isinstance(value, list | tuple) else (value,):
+            if self.info is not None and isinstance(number, int | float):
+                self._check_number(number)
+
+    def _check_number(self, number: float) -> None:
+        low, high, within = self.info.min, self.info.max, getattr(self.info, "within", None)
+        above, below = within or (-math.inf, math.inf)
+        is_whole, largest_whole = isinstance(number, int), 2**31 - 1  # of what is counted
+        if is_whole and number > largest_whole and self.name not in ("seed", "max_log_size"):
+            taken = f"whole number of {largest_whole} at most"
+        elif not (is_whole or abs(number) <= DOCUMENTS.largest):
+            taken = f"finite number, of {DOCUMENTS.largest:g} at most"
+        elif above < number < below and (low is None or low <= number) and (high is None or number <= high):
             return
-        (above, below), low, high = within or (-math.inf, math.inf), self.info.min, self.info.max
-        if not (above < value < below and (low is None or low <= value) and (high is None or value <= high)):
-            kind = "whole number" if isinstance(value, int) else "number"
-            raise OptionError(
-                f"{self.info.default} {value}", cure=f"give a {kind}{range_of(low, high, within)}"
-            )
+        else:
+            taken = f"{'whole ' * is_whole}number{range_of(low, high, within)}"
+        found = short(str(number)) if is_whole else f"{number:g}"
+        raise OptionError(f"{self.info.default} {found}", cure=f"give a {taken}")
+
+
+def short(text: str) -> str:
+    """What was found, not longer than a line."""
+    shown = 60  # characters
+    return text if len(text) <= shown else f"{text[:shown]}... ({len(text)} characters)"
 
 
 def range_of(low: float | None, high: float | None, within: tuple[float, float] | None = None) -> str:
