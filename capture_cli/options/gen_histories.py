@@ -45,7 +45,7 @@ class GenHistoriesOptions(Simulating):
     )
     inputs_from: Path | None = option(None, "For a task.toml: log whose windows are the actions.")
     window: float | None = option(None, "For a task.toml: seconds per episode.")
-    points: int | None = option(None, "For a task.toml: points of a trajectory; 20 by default.")
+    points: int | None = option(None, "For a task.toml: points of a trajectory; 20 by default.", min=2)
     amplitude: Mapping[str, float] = option(
         {}, "For a task.toml: INPUT=PEAK of the multisines, above 0.", text=NUMBERS
     )

@@ -137,8 +137,6 @@ def sequence_task(
             + ("" if window is None else f", with {points} points {machine.timestep:g} s apart at least"),
             cure="give a number of seconds with --window, or as `window` under [log] of the task.toml",
         )
-    if points < 2:
-        raise OptionError(f"--points {points}", cure="give at least 2")
     point_times = machine.timestep * np.rint(np.linspace(0, window, points) / machine.timestep)
     sequences = (actions or Multisines()).sequences(machine, point_times, window, seed)
     scale = sequences.outputs.std(axis=(0, 1))
