@@ -101,7 +101,7 @@ def test_a_run_in_a_world_goes_on_and_is_no_run_in_another(tmp_path, evaluated, 
         patch.setattr(evaluation_run, "_keep", killed)
         evaluate(**options)
     for other in ({"robot": "Panda"}, {"world": "plant", "robot": None}):
-        with pytest.raises(OptionError, match=r"begun with other .*robot"):
+        with pytest.raises(OptionError, match=r"differs: .*robot was "):
             evaluate(**{**options, **other}, resume=True)
     done = evaluate(**options, resume=True)
     for name in ("estimates", "trajectory_difference", "success"):

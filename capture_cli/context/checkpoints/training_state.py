@@ -79,12 +79,15 @@ def kept(folder: Path) -> str:
     return "what was learned up to the last evaluation is kept" if (folder / STATE).is_file() else ""
 
 
-def check_recipe(earlier: Mapping[str, Any], recipe: Mapping[str, Any]) -> None:
-    """Raise OptionError where the recipe of an `earlier` run, which is resumed or complete, is another."""
+def check_recipe(earlier: Mapping[str, Any], recipe: Mapping[str, Any], run: str = "the earlier run") -> None:
+    """Raise OptionError where the recipe of an `earlier` run, which is resumed or complete, is another.
+
+    run: what the message calls it.
+    """
     wanted = json.loads(json.dumps(recipe))
     if earlier != wanted:
         raise OptionError(
-            f"--resume: the earlier run differs: {'; '.join(_differences(earlier, wanted))}",
+            f"--resume: {run} differs: {'; '.join(_differences(earlier, wanted))}",
             cure="give the options that it began with, or begin anew with --force",
         )
 
@@ -95,4 +98,12 @@ def _differences(before: Any, now: Any, path: str = "") -> list[str]:
         return [
             line for k in keys for line in _differences(before.get(k), now.get(k), f"{path}.{k}".lstrip("."))
         ]
-    return [] if before == now else [f"{path} was {before}, now {now}"]
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        pairs = zip(before, now, strict=True)
+        return [line for k, pair in enumerate(pairs) for line in _differences(*pair, f"{path}[{k}]")]
+    return [] if before == now else [f"{path} was {_short(before)}, now {_short(now)}"]
+
+
+def _short(value: Any) -> str:
+    shown, text = 60, str(value)  # characters
+    return text if len(text) <= shown else f"{text[: shown - 3]}..."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from capture_cli.context.checkpoints.checkpoint_hash import with_new_hashes
-from capture_cli.errors import Interrupted, OptionError, OutputError
+from capture_cli.context.checkpoints.training_state import check_recipe
+from capture_cli.errors import Interrupted, OutputError
 from capture_cli.store.histories import HistoriesWriter, is_url, shard_rows
 from capture_cli.store.output import GO_ON, resumable_directory
 
@@ -54,7 +55,7 @@ def shards_to_make(
     if found is None:
         writer.create(attributes)
     else:
-        _refuse_other(with_new_hashes(found, checkpoints), attributes, writer.location)
+        _check_same(with_new_hashes(found, checkpoints), attributes, writer)
         writer.remove_halves()
     marked = writer.is_written()
     return [s for s in range(len(marked)) if not (marked[s] and writer.is_sound(s))]
@@ -65,8 +66,12 @@ def is_complete(writer: HistoriesWriter, attributes: dict[str, Any], checkpoints
     found = writer.attributes()
     if found is None or not found["complete"]:
         return False
-    _refuse_other(with_new_hashes(found, checkpoints), attributes, writer.location)
+    _check_same(with_new_hashes(found, checkpoints), attributes, writer)
     return True
+
+
+def _check_same(found: Mapping[str, Any], wanted: Mapping[str, Any], writer: HistoriesWriter) -> None:
+    check_recipe({name: found[name] for name in wanted}, wanted, f"the run at {writer.location}")
 
 
 def _kept(location: str | Path) -> str:
@@ -79,22 +84,3 @@ def _kept(location: str | Path) -> str:
     rows = [shard_rows(int(s), attributes["shard_pairs"], pairs) for s in np.flatnonzero(writer.is_written())]
     count = sum(r.stop - r.start for r in rows)
     return f"{count} of {pairs} histories are kept" if count else ""
-
-
-def _refuse_other(found: dict[str, Any], wanted: dict[str, Any], where: str) -> None:
-    other = [k for k in wanted if found[k] != wanted[k]]
-    if other:
-        differences = "; ".join(f"{k} was {_short(found[k])}, now {_short(wanted[k])}" for k in other)
-        raise OptionError(
-            f"--resume: the run at {where} differs: {differences}",
-            cure="give the options that it began with, or begin anew with --force",
-        )
-
-
-def _short(value: Any) -> str:
-    """A checkpoint by its name, and the beginning of its hash."""
-    if isinstance(value, dict) and "name" in value:
-        text = value["name"] + (f" ({value['sha256'][:12]})" if value.get("sha256") else "")
-    else:
-        text = str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -12,6 +12,7 @@ import numpy as np
 from capture_cli.common.documents import read_json
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.checkpoint_hash import with_new_hashes
+from capture_cli.context.checkpoints.training_state import check_recipe
 from capture_cli.context.evaluation.evaluated_identifier import Evaluated
 from capture_cli.context.evaluation.evaluation_plan import EvaluationPlan, evaluation_plan
 from capture_cli.context.evaluation.evaluation_summary import summary
@@ -56,7 +57,7 @@ def completed(out: Path, plan: EvaluationPlan) -> Evaluation:
     evaluation = Evaluation.read(out)
     _, seeds, pairs, entries = evaluation.arrays["trajectory_difference"].shape
     found = {"pairs": pairs, "seeds": seeds, "rounds": entries - 1, **evaluation.attributes}
-    _refuse_other(found, plan, out)
+    _check_same(found, plan, out)
     return evaluation
 
 
@@ -108,7 +109,7 @@ def _begin(folder: Path, plan: EvaluationPlan) -> None:
     (folder / PARTS).mkdir(exist_ok=True)
     if path.is_file():
         noted = read_json(path, StoreError, cure="begin anew with --force")
-        _refuse_other(noted, plan, folder)
+        _check_same(noted, plan, folder)
         if noted.get("code") == code_hash():
             return
         if count := kept_parts(folder):
@@ -120,17 +121,9 @@ def _begin(folder: Path, plan: EvaluationPlan) -> None:
     beside.replace(path)  # whole or not at all: a run that is killed goes on
 
 
-def _refuse_other(found: dict[str, Any], plan: EvaluationPlan, where: Path) -> None:
-    found, wanted = (
-        with_new_hashes({"effects": [], "world": "plant", "robot": None, **found}, plan.inputs),
-        plan.recipe,
-    )
-    other = [k for k in wanted if found.get(k) != wanted[k]]
-    if other:
-        raise OptionError(
-            f"--resume: {where} was begun with other {', '.join(other)}",
-            cure="give the options it was begun with, or begin anew with --force",
-        )
+def _check_same(found: dict[str, Any], plan: EvaluationPlan, where: Path) -> None:
+    known = with_new_hashes({"effects": [], "world": "plant", "robot": None, **found}, plan.inputs)
+    check_recipe({name: known.get(name) for name in plan.recipe}, plan.recipe, f"the run at {where}")
 
 
 def _todo(plan: EvaluationPlan, folder: Path) -> list[tuple[str, Evaluated, Sim2Sim]]:
