@@ -35,7 +35,7 @@ def test_options_are_frozen_and_those_of_any_command_come_last(kind):
     [
         ({"episodes": 0}, ["--episodes 0", "a whole number of 1 or more"]),
         ({"seed": -1}, ["--seed -1", "a whole number from 0 to"]),
-        ({"rate": 0.0}, ["--rate 0", "a number above 0"]),
+        ({"rate": 0.0}, ["--rate 0", "a positive number"]),
         ({"rate": float("inf")}, ["--rate inf", "a finite number"]),
         ({"band": (0.1, float("nan"))}, ["--band nan", "a finite number"]),
         ({"episodes": 2**31}, ["--episodes 2147483648", "a whole number of 2147483647 at most"]),

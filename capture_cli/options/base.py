@@ -165,7 +165,9 @@ class _Field:
         elif above < number < below and (low is None or low <= number) and (high is None or number <= high):
             return
         else:
-            taken = f"{'whole ' * is_whole}number{range_of(low, high, within)}"
+            ends = "" if within is None or below == math.inf else f" between {above:g} and {below:g}"
+            kind = "positive" if within == (0, math.inf) else "whole" if is_whole else ""
+            taken = f"{kind} number{range_of(low, high)}{ends}".strip()
         found = short(str(number)) if is_whole else f"{number:g}"
         raise OptionError(f"{self.info.default} {found}", cure=f"give a {taken}")
 
@@ -176,10 +178,8 @@ def short(text: str) -> str:
     return text if len(text) <= shown else f"{text[:shown]}... ({len(text)} characters)"
 
 
-def range_of(low: float | None, high: float | None, within: tuple[float, float] | None = None) -> str:
+def range_of(low: float | None, high: float | None) -> str:
     """What numbers an option takes, in words, to go on with after "a number"."""
-    if within is not None:
-        return f" above {within[0]:g}" + ("" if within[1] == math.inf else f" and below {within[1]:g}")
     if low is None and high is None:
         return ""
     if high is None:
