@@ -169,11 +169,13 @@ class Attribution:
         return self._keep(compared)
 
     def _is_missing(self, current: Fit) -> bool:
-        """Whether more is left than chance allows, or an effect predicts blocks that no fit saw so much better that
-        chance does not: parameters that stand in for an effect may leave next to nothing.
+        """Whether more is left than chance allows; or, of the declared model, an effect predicts blocks that no fit saw
+        so much better that chance does not: parameters that stand in for it may leave next to nothing. What an effect
+        that was found leaves of so little would be corrected, not explained.
         """
-        if not self.models.is_explained(current):
-            return True
+        explained = self.models.is_explained(current)
+        if self.accepted or not explained:
+            return not explained
         screening = self.models.screening_about(current, self._step)
         if screening is None:
             return False
