@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnosing import look_among
 from inspecting import inspect
 from scipy.interpolate import CubicSpline
 
@@ -65,9 +66,10 @@ def test_a_sound_machine_with_such_stamps_is_said_to_be_one(task, without_pages)
     assert document["time_stamps"]["text"] in cures
 
 
-def test_diagnose_says_so_too(task, without_pages):
+def test_diagnose_says_so_too(task, without_pages, monkeypatch):
+    look_among(monkeypatch, "coulomb-friction")
     out = task.parent / "diagnosis"
-    options = dict(most_effects=0, expression=False, threads=1, quiet=True)
+    options = dict(expression=False, threads=1, quiet=True)
     document = diagnose(real_log=recorded(task), task=str(task), out=out, **options).document
     assert document["time_stamps"]["explained"] == 1
     assert document["summary"].endswith("Time-stamp jitter explains all of that.")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.context import observation_noise
 from capture_cli.context.policies.base import Policy
 from capture_cli.context.search.base import Search
@@ -14,6 +15,12 @@ from capture_cli.errors import FitError
 from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.simulate.simulator import Simulator
+
+
+@frozen
+class SETTINGS:
+    attempts: int = 10  # at drawing a pair whose simulations do not diverge
+
 
 Arrays = dict[str, np.ndarray]
 
@@ -40,11 +47,10 @@ class Recipe:
 
         A pair with a simulation that diverges is drawn anew. Raises FitError where that does not help.
         """
-        attempts = 10  # at drawing a pair whose simulations do not diverge
         simulator = Simulator(self.task, self.effects.placed, threads)
         pairs = np.asarray(pairs)
         arrays, diverged = self._histories(pairs, 0, simulator)
-        for attempt in range(1, attempts):
+        for attempt in range(1, SETTINGS.attempts):
             rows = np.flatnonzero(diverged)
             if not rows.size:
                 return arrays
@@ -54,7 +60,7 @@ class Recipe:
         if diverged.any():
             raise FitError(
                 f"task {self.task.name!r}: pair {pairs[diverged][0]} diverged in the simulator, drawn "
-                f"{attempts} times",
+                f"{SETTINGS.attempts} times",
                 cure="narrow the parameters' bounds, drive the machine less, or use a smaller model timestep",
             )
         return arrays
