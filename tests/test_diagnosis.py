@@ -14,8 +14,9 @@ import pytest
 from coloured_noise import coloured
 from diagnosing import look_among
 from held_inputs import held_machine
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import butter, lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import ttest_1samp
 
@@ -71,6 +72,27 @@ def test_noise_floor_of_smooth_signal_and_white_noise(order):
     signal = np.sin(3 * time) + 0.2 * np.sin(17 * time + order)
     noisy = signal + 1e-3 * generator.standard_normal(len(time))
     assert from_differences([noisy], [time]) == pytest.approx(1e-3, rel=0.08)
+
+
+@pytest.mark.parametrize("cutoff", [1 / 16, 1 / 8])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_noise_that_a_filter_has_passed_shows_by_samples_that_are_farther_apart(cutoff, seed):
+    time = np.linspace(0, 8, 2000)
+    signal = 0.1 * np.sin(3 * time) + 0.02 * np.sin(17 * time)
+    noise = 1e-3 * np.random.default_rng(seed).standard_normal(len(time))
+    filtered = lfilter(*butter(2, 2 * cutoff), signal + noise)[200:]
+    only_noise = lfilter(*butter(2, 2 * cutoff), noise)[200:]
+    assert from_differences([filtered], [time[200:]]) == pytest.approx(only_noise.std(), rel=0.2)
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(0.1, 6.0), st.floats(0.1, 1.0), st.floats(0, 6.3)), min_size=1, max_size=4)
+)
+def test_motion_without_noise_shows_none_however_far_apart_samples_are(waves):
+    time = np.linspace(0, 8, 2000)
+    motion = sum(size * np.sin(2 * np.pi * hertz * time + phase) for hertz, size, phase in waves)
+    assert from_differences([motion], [time]) < 1e-4
 
 
 @pytest.mark.parametrize("jitter", [0.1, 0.4])

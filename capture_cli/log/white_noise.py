@@ -1,8 +1,11 @@
-"""White noise on smooth series, by high-order differences.
+"""Noise on smooth series, by high-order differences.
 
 A difference of order p of a smooth signal vanishes as p grows, while that of white noise of variance s^2 has variance
 s^2 (2p)! / (p!)^2. The order is the first after which the estimate no longer falls. Large differences (impacts, dropped
 samples) are trimmed.
+
+Noise that a low-pass has passed is smooth, too: the estimate falls with every order. Samples that are farther apart
+than the filter remembers have white noise again.
 """
 
 from __future__ import annotations
@@ -26,6 +29,10 @@ class SETTINGS:
     # the largest kept of few lies a little above the quantile of the share that they are
     place: float = 1 / 3
     uneven: float = 0.01  # of the sampling interval: files round times
+    # samples between those that are compared behind a filter
+    apart: tuple[int, ...] = (2, 3, 4, 6, 8, 12, 16)
+    # of a series' own standard deviation: samples that are too far apart for its motion show that as noise
+    of_motion: float = 0.1
 
 
 def trimmed_sd(numbers: np.ndarray) -> float:
@@ -43,9 +50,28 @@ def _mean_below(share: float) -> float:
 
 
 def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float:
-    """Standard deviation of white noise on smooth series, each (step,), sampled at `times` (step,), s."""
+    """Standard deviation of white or filtered noise on smooth series, each (step,), sampled at `times` (step,), s."""
     estimates = _by_order(series, times)
-    return next(_settled(estimates), estimates[-1] if estimates else 0.0)
+    found = next(_settled(estimates), None)
+    if found is None:
+        found = filtered_noise(series, times)
+    return (estimates[-1] if estimates else 0.0) if found is None else found
+
+
+def filtered_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float | None:
+    """As `from_differences`, of samples so far apart that the noise of each is its own: farther apart they show no more
+    of it, while of the motion they show the more. None where there are none such.
+    """
+    largest = SETTINGS.of_motion * float(np.concatenate(series).std())
+    near = None
+    for apart in SETTINGS.apart:
+        parts = [own[first::apart] for own in series for first in range(apart)]
+        there = [own[first::apart] for own in times for first in range(apart)]
+        far = white_noise(parts, there)
+        if near is not None and far is not None and SETTINGS.still_falling * far < near < largest:
+            return near
+        near = far
+    return None
 
 
 def white_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float | None:
