@@ -5,12 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import counted, significant
 from capture_cli.report import curve_plots, findings, parameter_plots
 from capture_cli.report.curves import Curves
 from capture_cli.report.page import page, rollouts_fact, rollouts_tile
 from capture_cli.report.prediction import predictions
 from capture_cli.store.estimate import Estimate, EstimateRecord
+
+
+@frozen
+class SETTINGS:
+    # Outputs past these are folded: a page of thirty sensors must still open at once.
+    open_outputs: int = 4
 
 
 def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
@@ -31,7 +38,7 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
         errors=findings.output_errors(estimate),
         predictions=predictions(record, estimate.attributes["outputs"]),
         outputs=estimate.attributes["outputs"],
-        open_outputs=4,  # others are folded: a page of thirty sensors must still open at once
+        open_outputs=SETTINGS.open_outputs,
         views=len(curves.slices),
         facts=_facts(record),
     )

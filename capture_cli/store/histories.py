@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.documents import exists
+from capture_cli.common.frozen import frozen
 from capture_cli.common.signals import uninterrupted
 from capture_cli.errors import StoreError
 from capture_cli.store.array_metadata import ArrayMetadata, array_metadata
@@ -34,6 +35,12 @@ from capture_cli.store.document_shape import (
 )
 from capture_cli.store.schema import ArraySpec, Schema
 from capture_cli.store.zarr_store import MAKE_AGAIN, ROOT, ZarrStore
+
+
+@frozen
+class SETTINGS:
+    chunk_pairs: int = 64  # the unit of reading
+
 
 MARKS = "written"
 
@@ -144,7 +151,7 @@ class HistoriesWriter:
             group = self._emptied()
             for spec in DATA:
                 rest = tuple(sizes[d] for d in spec.dims[1:])
-                chunk = math.gcd(64, shard)  # pairs: the unit of reading
+                chunk = math.gcd(SETTINGS.chunk_pairs, shard)
                 _create(group, spec, (pairs, *rest), (chunk, *rest), (shard, *rest))
             _create(group, SCHEMA.arrays[-1], (sizes["shard"],), (1,), None)
             # last: until now, whoever opens it finds no store

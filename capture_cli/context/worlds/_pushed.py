@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from capture_cli.common.frozen import frozen
+
 # patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 
@@ -18,6 +20,12 @@ from capture_cli.context.worlds._scene import SETTINGS as SCENE
 from capture_cli.context.worlds._scene import Played, Scene, check_rate
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks.base import ActionTask
+
+
+@frozen
+class SETTINGS:
+    # m, that one action can send the hand away at most: the stroke is ahead of the arm by less
+    reach: float = 0.15
 
 
 class PushedScene(Scene):
@@ -162,10 +170,9 @@ class PushedScene(Scene):
 
 def _controller(robot: str) -> dict:
     """The robot's own controller; only how far one action may send the hand is more."""
-    reach = 0.15  # m, that one action can send the hand away at most: the stroke is ahead of the arm by less
     config = load_composite_controller_config(robot=robot)
     for part in config["body_parts"].values():
         if part.get("type") == "OSC_POSE":
-            part["output_max"] = [reach] * 3 + part["output_max"][3:]
-            part["output_min"] = [-reach] * 3 + part["output_min"][3:]
+            part["output_max"] = [SETTINGS.reach] * 3 + part["output_max"][3:]
+            part["output_min"] = [-SETTINGS.reach] * 3 + part["output_min"][3:]
     return config
