@@ -55,6 +55,11 @@ class Fit:
             stop = start
         raise KeyError(name)
 
+    @property
+    def values(self) -> list[np.ndarray]:
+        """Of the parameters of each of its effects, (parameter,)."""
+        return [self.point[self.columns(e.name)] for e in self.effects]
+
     def known_from(self, first: np.ndarray) -> Fit:
         """The fit, whose effects know no more than windows that begin at the steps `first` (window,) of the log say."""
         effects = [placed._replace(effect=placed.effect.fitted_to(first)) for placed in self.effects]

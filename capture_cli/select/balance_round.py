@@ -57,13 +57,12 @@ class BalanceRound:
         self.candidates = {c.name: c for c in candidates}
         score_in_balance(screening, current, candidates)
         self.ranked = by_score(candidates)
-        values = [current.point[current.columns(e.name)] for e in current.effects]
         self._before, self._best = models.judge(current), None
         # fits whose effects are at ends of their ranges: of which effects, at which ends, and what that says
         self._at_ends: list[tuple[frozenset[str], frozenset, str]] = []
         # beside what was found already one is looked for at a time
         sizes = 1 if current.effects else most
-        self.supported = self._search(grown(screening, current.effects, values, sizes), sizes)
+        self.supported = self._search(grown(screening, current.effects, current.values, sizes), sizes)
 
     def choose(self) -> tuple[FittedSet, list[Candidate]] | None:
         """Of the supported models the best, and of those it cannot be told from that with the fewest parameters. With
@@ -177,8 +176,7 @@ class BalanceRound:
             effects = (*best.fit.effects, *other.added)
             if frozenset(e.name for e in effects) in known:
                 continue
-            values = [best.fit.point[best.fit.columns(e.name)] for e in best.fit.effects]
-            values.append(other.fit.point[other.fit.columns(other.added[0].name)])
+            values = [*best.fit.values, other.fit.point[other.fit.columns(other.added[0].name)]]
             unions.append(BalancedModel(effects, best.fit.point[:declared], tuple(values)))
         return unions
 

@@ -43,9 +43,8 @@ def score_in_balance(
 
     polished: how many are fitted in the balance, as of `Screening.additions`.
     """
-    values = [current.point[current.columns(e.name)] for e in current.effects]
     shapes_tried = Counter(a.placed.name for a in screening.atoms)
-    found = {a.placed.name: a for a in screening.additions(current.effects, values, polished)}
+    found = {a.placed.name: a for a in screening.additions(current.effects, current.values, polished)}
     for candidate in candidates:
         candidate.fit = candidate.select = candidate.support = candidate.score = None
         candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None

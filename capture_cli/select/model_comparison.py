@@ -135,10 +135,9 @@ class ModelComparison:
         if declared is None or not fit.effects:
             return declared
         if self._about is None or self._about[0] is not fit:
-            values = [fit.point[fit.columns(e.name)] for e in fit.effects]
             point = fit.point[: len(self.fits.prepared.task.space)]
             try:
-                self._about = fit, declared.about(point, fit.effects, values)
+                self._about = fit, declared.about(point, fit.effects, fit.values)
             except LogError:
                 self._about = fit, None
         return self._about[1]

@@ -179,8 +179,7 @@ class Attribution:
         screening = self.models.screening_about(current, self._step)
         if screening is None:
             return False
-        values = [current.point[current.columns(e.name)] for e in current.effects]
-        additions = screening.additions(current.effects, values, screening.settings.polished_for_best)
+        additions = screening.additions(current.effects, current.values, screening.settings.polished_for_best)
         return bool(additions) and additions[0].is_sure(len(screening.atoms))
 
     @property
