@@ -36,7 +36,7 @@ from capture_cli.estimate.solve.linearization import Data, Linearization
 from capture_cli.estimate.split import UNEQUAL, Divided, NewSplit
 from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.white_noise import from_differences, trimmed_sd
+from capture_cli.log.white_noise import from_differences, noise_and_spacing, trimmed_sd
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks import load_task
 from capture_cli.report.diagnosis_findings import summary
@@ -82,7 +82,10 @@ def test_noise_that_a_filter_has_passed_shows_by_samples_that_are_farther_apart(
     noise = 1e-3 * np.random.default_rng(seed).standard_normal(len(time))
     filtered = lfilter(*butter(2, 2 * cutoff), signal + noise)[200:]
     only_noise = lfilter(*butter(2, 2 * cutoff), noise)[200:]
-    assert from_differences([filtered], [time[200:]]) == pytest.approx(only_noise.std(), rel=0.2)
+    found, spacing = noise_and_spacing([filtered], [time[200:]])
+    assert found == from_differences([filtered], [time[200:]]) == pytest.approx(only_noise.std(), rel=0.2)
+    assert 0.25 < spacing * cutoff < 1
+    assert noise_and_spacing([signal + noise], [time])[1] == 1
 
 
 @settings(deadline=None)

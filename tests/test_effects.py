@@ -1047,10 +1047,24 @@ def test_sensors_report_as_the_effects_say():
     step = measure("sensor-low-pass", np.array([0.0, 0, 1, 1, 1]), 2.0)
     rise = 1 - 2 * (1 - np.exp(-0.5))  # at the end of a ramp from 0 to 1
     assert np.allclose(step[2:], 1 - (1 - rise) * np.exp(-np.arange(3) / 2))
+    assert np.allclose(measure("sensor-second-order-low-pass", ramp, 0.7, 0.6), ramp - 2 * 0.6 * 0.7)
     assert np.allclose(measure("sensor-quantisation", ramp, 2.5), [0, 0, 2.5, 2.5, 5, 5])
     assert np.allclose(measure("sensor-scale", ramp, 0.1), 1.1 * ramp)
     assert np.allclose(measure("sensor-bias", ramp, 0.1), ramp + 0.1)
     assert np.allclose(measure("sensor-drift", ramp, 0.1), 1.1 * ramp)
+
+
+@pytest.mark.parametrize("damping_ratio", [0.3, 0.7, 1.0, 1.5])
+def test_a_sensor_behind_a_filter_of_second_order_reports_what_that_lets_through(damping_ratio):
+    from scipy.signal import lsim
+
+    series = np.cumsum(np.random.default_rng(1).normal(size=40))
+    series[:2] = 0.0  # at rest at first, as `lsim` begins
+    filtered = ([1.0], [1.7**2, 2 * damping_ratio * 1.7, 1.0])
+    expected = lsim(filtered, series, np.arange(40.0))[1]  # straight between rows, too
+    np.testing.assert_allclose(
+        measure("sensor-second-order-low-pass", series, 1.7, damping_ratio), expected, atol=1e-9
+    )
 
 
 def in_log(name: str, where: str, site: str, reported: np.ndarray) -> Effect:

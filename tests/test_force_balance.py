@@ -53,6 +53,7 @@ PLANTED = {
         ("sensor-scale", "cart", 0.3),
         ("sensor-delay", "", 0.03),
         ("sensor-low-pass", "pole", 0.03),
+        ("sensor-second-order-low-pass", "pole", 0.03),
         ("sensor-crosstalk", "pole+drive", 0.3),
         ("sensor-clock-rate", "", 0.03),
     ],

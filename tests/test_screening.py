@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks._planted_logs.cases import PLANTED, Case
+from benchmarks._planted_logs.dresses import CUTOFF, DRESSES, FILTERED
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
@@ -64,6 +65,19 @@ def test_a_limit_is_found_that_the_force_seldom_reaches(share):
 def test_nothing_comes_where_nothing_is_missing(machine):
     found = Made.of(machine, episodes=4).screening().additions((), ())
     assert not [a.placed.name for a in found if a.gain > max(3 * a.error, 15)]
+
+
+def test_behind_a_loggers_filter_samples_are_taken_that_have_noise_of_their_own():
+    """The filter is an effect on the sensor; taken for white, its noise would show the most."""
+    own = Made.of("slider", episodes=4)
+    log = DRESSES[FILTERED](own.prepared.log).arrays
+    smoothed = SmoothedLog.of(log, own.experiment.task)
+    (placed,) = [p for p in own.placed if p.name == "sensor-second-order-low-pass@q"]
+    (found,) = Screening.of(smoothed, [placed], own.truth, 1).additions((), ())
+    assert found.gain > 3 * found.error and found.model.beyond_noise < 0.5
+    time_constant, damping_ratio = found.model.values[0]
+    late = np.sqrt(2) / (2 * np.pi * CUTOFF) * np.diff(log.time[:2])[0]  # 2 damping_ratio time_constant
+    assert 2 * damping_ratio * time_constant == pytest.approx(late, rel=0.1)
 
 
 def test_threads_change_no_bit():

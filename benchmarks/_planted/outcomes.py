@@ -24,7 +24,7 @@ IMITATED, HONEST = "imitated", "honest"
 RIGHT = (EXACT, TIED, EQUIVALENT)
 GOOD = (*RIGHT, SILENT, IMITATED, HONEST)
 # What the logger itself does to the sensors: neither right nor wrong beside what was planted.
-OF_THE_LOGGER = {FILTERED: ("sensor-low-pass", "sensor-delay")}
+OF_THE_LOGGER = {FILTERED: ("sensor-low-pass", "sensor-second-order-low-pass", "sensor-delay")}
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ def _covers(machine: str, planted: str, found: str, why: str) -> Equivalent:
 
 
 _LATE = "the machine does not change with time: late inputs give the same outputs, late"
+_FILTERED = "the machine is linear and does not change with time: a filter before it is a filter behind it"
 _TURNED = "a link turned on the last joint: its centre of mass is elsewhere, as far from the joint"
 # A bias of a control is not a constant force: it moves the limits of the actuator, which these logs reach.
 EQUIVALENTS = (
@@ -64,7 +65,12 @@ EQUIVALENTS = (
     _alike(
         "slider",
         "control-lag@drive sensor-low-pass@q",
-        "the machine is linear and does not change with time: a filter before it is a filter behind it",
+        _FILTERED,
+    ),
+    _alike(
+        "slider",
+        "control-second-order-lag@drive sensor-second-order-low-pass@q",
+        _FILTERED,
     ),
     _alike(
         "cart_pole",

@@ -51,27 +51,28 @@ def _mean_below(share: float) -> float:
 
 def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float:
     """Standard deviation of white or filtered noise on smooth series, each (step,), sampled at `times` (step,), s."""
+    return noise_and_spacing(series, times)[0]
+
+
+def noise_and_spacing(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> tuple[float, int]:
+    """As `from_differences`, and of how many samples one has noise of its own: 1 of white noise.
+
+    Behind a filter samples so far apart that farther ones show no more noise, while of the motion they show the more.
+    """
     estimates = _by_order(series, times)
     found = next(_settled(estimates), None)
-    if found is None:
-        found = filtered_noise(series, times)
-    return (estimates[-1] if estimates else 0.0) if found is None else found
-
-
-def filtered_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float | None:
-    """As `from_differences`, of samples so far apart that the noise of each is its own: farther apart they show no more
-    of it, while of the motion they show the more. None where there are none such.
-    """
+    if found is not None:
+        return found, 1
     largest = SETTINGS.of_motion * float(np.concatenate(series).std())
     near = None
     for apart in SETTINGS.apart:
         parts = [own[first::apart] for own in series for first in range(apart)]
         there = [own[first::apart] for own in times for first in range(apart)]
         far = white_noise(parts, there)
-        if near is not None and far is not None and SETTINGS.still_falling * far < near < largest:
+        if near is not None and far is not None and SETTINGS.still_falling * far < near[0] < largest:
             return near
-        near = far
-    return None
+        near = None if far is None else (far, apart)
+    return (estimates[-1] if estimates else 0.0), 1
 
 
 def white_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float | None:

@@ -15,6 +15,7 @@ from capture_cli.estimate.balance.impacts import impacts
 from capture_cli.estimate.balance.resting import Resting, model_start, resting
 from capture_cli.estimate.balance.smoothing import FEWEST, Series, smooth
 from capture_cli.log.arrays import Log
+from capture_cli.log.white_noise import noise_and_spacing
 from capture_cli.log.windows import stretches
 from capture_cli.model.contacts import can_touch
 from capture_cli.model.coordinate_sources import Source, sources_of
@@ -245,9 +246,13 @@ def _hits(model: mujoco.MjModel, log: Log, outputs: np.ndarray, sources: Sequenc
 
 
 def _smoothed(log: Log, parts: Sequence[slice], column: int) -> list[Series]:
+    """The stretches of an output, of samples whose noise is independent: behind a logger's filter not of each."""
     times, values = [], []
     for part in parts:
         own = log.sampled[part, column]
         times.append(log.time[part][own])
         values.append(log.outputs[part, column][own])
+    _, apart = noise_and_spacing(values, times)
+    if min(len(t) for t in times) >= apart * FEWEST:
+        times, values = [t[::apart] for t in times], [v[::apart] for v in values]
     return smooth(times, values, SETTINGS.fewest_turns)

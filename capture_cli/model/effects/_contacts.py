@@ -22,8 +22,8 @@ class ContactEffect(Effect):
     """
 
     where = (
-        "every geom that has a say in some contact; those of one make together, as a robot's feet (GEOM+GEOM+...); "
-        "every explicit pair (GEOM+GEOM)"
+        "geoms that have a say in a contact; those of one make together, as a robot's feet (GEOM+...); "
+        "explicit pairs (GEOM+GEOM)"
     )
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):

@@ -7,6 +7,7 @@ import numpy as np
 from capture_cli.common.frozen import frozen
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect
+from capture_cli.model.effects._lag import second_order_step
 from capture_cli.model.parameters import Parameter
 
 
@@ -18,21 +19,13 @@ class SETTINGS:
 class SecondOrderLag:
     """T^2 x'' + 2 damping_ratio T x' + x = control, with T the time_constant; the mean of x over the step.
 
-    The exact solution for a control that is held over each step: the matrix exponential of the deviation,
-    (x - control, T x'), in terms of the poles (root - damping_ratio) / T and -(root + damping_ratio) / T.
+    The exact solution for a control that is held over each step; its deviation is (x - control, T x').
     """
 
     def __init__(self, *, time_constant, damping_ratio, timestep):
         self.steps = time_constant / timestep
         self.damping_ratio = damping_ratio
-        turned = 1 / np.maximum(self.steps, 1e-12)  # the step in units of T
-        root = np.sqrt(damping_ratio * damping_ratio - 1 + 0j)
-        root = np.where(np.abs(root) < 1e-6, 1e-6, root)  # the limit of a double pole, to 1e-12
-        slower = np.exp((root - damping_ratio) * turned)
-        gap = np.expm1(-2 * root * turned)  # the faster of both over the slower, less 1
-        even, odd = np.real(slower * (1 + gap / 2)), np.real(-slower * gap / (2 * root))
-        self.kept = even + damping_ratio * odd, odd  # of the deviation, and of what was its rate
-        self.rate_kept = -odd, even - damping_ratio * odd
+        self.kept, self.rate_kept = second_order_step(time_constant, damping_ratio, timestep)
         self.state = None
         self.rate = 0.0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.model.effects._sensor_effect import TimeEffect
+from capture_cli.model.effects._sensor_effect import BEHIND_A_FILTER, TimeEffect
 from capture_cli.model.parameters import Parameter
 
 
@@ -36,10 +36,7 @@ class SensorLowPass(TimeEffect):
     kernel = staticmethod(low_passed)
     parameters = (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
 
-    states_mean = (
-        "`ahead K`: what is reported of its number K, in the sensor's unit, over what it would be had motion before "
-        "been even. At 1 what that number commonly changes within `time_constant`"
-    )
+    states_mean = BEHIND_A_FILTER
 
     @property
     def states(self):
