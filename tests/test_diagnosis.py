@@ -82,10 +82,23 @@ def test_noise_that_a_filter_has_passed_shows_by_samples_that_are_farther_apart(
     noise = 1e-3 * np.random.default_rng(seed).standard_normal(len(time))
     filtered = lfilter(*butter(2, 2 * cutoff), signal + noise)[200:]
     only_noise = lfilter(*butter(2, 2 * cutoff), noise)[200:]
-    found, spacing = noise_and_spacing([filtered], [time[200:]])
+    ((found, spacing),) = noise_and_spacing([[filtered]], [[time[200:]]])
     assert found == from_differences([filtered], [time[200:]]) == pytest.approx(only_noise.std(), rel=0.2)
     assert 0.25 < spacing * cutoff < 1
-    assert noise_and_spacing([signal + noise], [time])[1] == 1
+    assert noise_and_spacing([[signal + noise]], [[time]])[0][1] == 1
+
+
+def test_where_a_channel_moves_too_fast_others_show_how_far_the_loggers_filter_reaches():
+    time = np.linspace(0, 8, 2000)
+    noise = 1e-3 * np.random.default_rng(3).standard_normal((2, len(time)))
+    slow, fast = np.sin(3 * time), np.sin(3 * time) + 0.01 * np.sign(np.sin(5 * time))
+    numerator, denominator = butter(2, 0.25)
+    seen = [[lfilter(numerator, denominator, s + n)[200:]] for s, n in zip((slow, fast), noise, strict=True)]
+    times = [[time[200:]]] * 2
+    alone, (_, (found, spacing)) = noise_and_spacing(seen[1:], times[1:]), noise_and_spacing(seen, times)
+    only_noise = lfilter(numerator, denominator, noise[1])[200:].std()
+    assert alone[0][1] == 1 and spacing > 1
+    assert found == pytest.approx(only_noise, rel=0.5)
 
 
 @settings(deadline=None)

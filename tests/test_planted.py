@@ -233,6 +233,10 @@ def test_what_the_logger_does_to_its_sensors_may_be_named():
     nothing = Case(NOTHING, "slider", (), 1.0, 0, dress=FILTERED)
     assert judge(nothing, document("effect-found", named[:1])) == "silent"
     assert judge(nothing, document("effect-found", named)) == "false alarm"
+    alike = [effect("control-lag", "drive"), effect("constant-force", "x")]
+    assert judge(replace(CONSTANT, dress=FILTERED), document("effect-found", alike)) == "exact"
+    tied = [effect("compliance", "x", tied=["sensor-low-pass@q"]), effect("constant-force", "x")]
+    assert judge(replace(CONSTANT, dress=FILTERED), document("tied", tied)) == "exact"
     itself = Case(PLANTED, "slider", ("sensor-low-pass@q",), 3.0, 0, dress=FILTERED)
     assert judge(itself, document("effect-found", named[:1])) == "exact"
 

@@ -136,7 +136,14 @@ def placed(effect: Mapping[str, Any]) -> str:
 
 
 def _of_the_logger(case: Case, effect: Mapping[str, Any]) -> bool:
-    return effect["name"] in OF_THE_LOGGER.get(case.dress, ()) and placed(effect) not in case.planted
+    """Whether an effect that was not planted is what the logger did, or what no log can tell from that."""
+    alike = {placed(effect), *effect["tied_with"]}
+    for e in EQUIVALENTS:
+        alike |= e.planted if e.machine == case.machine and e.found & {placed(effect)} else set()
+    kinds = {name.partition("@")[0] for name in alike}
+    return not kinds.isdisjoint(OF_THE_LOGGER.get(case.dress, ())) and not any(
+        _hit(case, planted, effect) for planted in case.planted
+    )
 
 
 def _judge_known(case: Case, verdict: str, effects: Sequence[Mapping[str, Any]]) -> str:

@@ -51,28 +51,47 @@ def _mean_below(share: float) -> float:
 
 def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float:
     """Standard deviation of white or filtered noise on smooth series, each (step,), sampled at `times` (step,), s."""
-    return noise_and_spacing(series, times)[0]
+    return noise_and_spacing([series], [times])[0][0]
 
 
-def noise_and_spacing(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> tuple[float, int]:
-    """As `from_differences`, and of how many samples one has noise of its own: 1 of white noise.
+def noise_and_spacing(
+    series: Sequence[Sequence[np.ndarray]], times: Sequence[Sequence[np.ndarray]]
+) -> list[tuple[float, int]]:
+    """Of each channel what `from_differences` says, and of how many samples one has noise of its own: 1 of white noise.
 
-    Behind a filter samples so far apart that farther ones show no more noise, while of the motion they show the more.
+    A logger has one filter. Where a channel moves too fast to show how far the filter reaches the others do.
     """
-    estimates = _by_order(series, times)
-    found = next(_settled(estimates), None)
-    if found is not None:
-        return found, 1
+    pairs = list(zip(series, times, strict=True))
+    found = [_white_or_filtered(*pair) for pair in pairs]
+    filtered = max((spacing for _, spacing in filter(None, found)), default=1)
+    for k, (own, there) in enumerate(pairs):
+        if found[k] is None:
+            noise = white_noise(*_apart(own, there, spacing=filtered)) if filtered > 1 else None
+            estimates = _by_order(own, there)
+            found[k] = (estimates[-1] if estimates else 0.0, 1) if noise is None else (noise, filtered)
+    return found
+
+
+def _white_or_filtered(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> tuple[float, int] | None:
+    """The noise of a channel and its spacing; behind a filter that from which on samples that are farther apart show no
+    more noise, while of the motion they show the more. None where there is none such.
+    """
+    white = white_noise(series, times)
+    if white is not None:
+        return white, 1
     largest = SETTINGS.of_motion * float(np.concatenate(series).std())
     near = None
     for apart in SETTINGS.apart:
-        parts = [own[first::apart] for own in series for first in range(apart)]
-        there = [own[first::apart] for own in times for first in range(apart)]
-        far = white_noise(parts, there)
+        far = white_noise(*_apart(series, times, spacing=apart))
         if near is not None and far is not None and SETTINGS.still_falling * far < near[0] < largest:
             return near
         near = None if far is None else (far, apart)
-    return (estimates[-1] if estimates else 0.0), 1
+    return None
+
+
+def _apart(*channel: Sequence[np.ndarray], spacing: int) -> list[list[np.ndarray]]:
+    """Every so many-th sample of series and of their times, from each of the first ones on."""
+    return [[own[first::spacing] for own in part for first in range(spacing)] for part in channel]
 
 
 def white_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float | None:

@@ -385,11 +385,13 @@ def worth_a_refit(ranked: Sequence[Candidate]) -> tuple[list[Candidate], list[Ca
 
 
 def _best_and_simplest(kind: Sequence[Candidate]) -> list[Candidate]:
-    """`of_a_kind` of a `kind`, ranked by score: what is simpler than the best may be all that is there."""
-    best, *others = kind
+    """`of_a_kind` of a `kind`, ranked by score: the two best, and what is simpler than these, which may be all that is
+    there.
+    """
+    first, others = list(kind[:2]), list(kind[2:])
     sizes = {id(c): len(effect.parameters) for c in kind for _, effect in [c.placed]}
-    others.sort(key=lambda c: sizes[id(c)] >= sizes[id(best)])
-    return [best, *others[: SETTINGS.of_a_kind - 1]]
+    others.sort(key=lambda c: sizes[id(c)] >= sizes[id(first[0])])
+    return [*first, *others][: SETTINGS.of_a_kind]
 
 
 def _alike(a: Candidate, b: Candidate) -> bool:

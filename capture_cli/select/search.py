@@ -211,7 +211,8 @@ class Attribution:
 
     def _split(self, current: Fit, newest: Sequence[Accepted]) -> Fit:
         """`current` with each of the `newest` effects that is at all places at once at each of them on its own, where
-        that is clearly better.
+        that is clearly better, also than another effect in its place: filtered sensors look like controls that each
+        come late.
         """
         for accepted in newest:
             if accepted.placed.effect.site != GLOBAL:
@@ -231,9 +232,14 @@ class Attribution:
             fit = self.models.fit([*rest, *places], start, current)
             if fit is None or not self.models.is_better(current, fit):
                 continue
+            everywhere = self._candidate(accepted.name)
+            self._ask_for_rivals(current, accepted)
+            current = self._compare_with_rivals(current, [accepted])
+            if accepted.name != everywhere.name and not self.models.is_better(current, fit):
+                continue
             current = fit
             self.accepted.remove(accepted)
-            self._candidate(accepted.name).why_rejected = "better at each of its places on its own"
+            everywhere.why_rejected = "better at each of its places on its own"
             for place in places:
                 candidate = self._candidate(place.name)
                 candidate.why_rejected = None
@@ -386,22 +392,24 @@ class Attribution:
             if (accepted is self.accepted[-1] and accepted.rivals) or accepted.placed.law in asked:
                 continue
             asked.add(accepted.placed.law)
-            without = self.models.without(current, accepted.name)
-            if without is None:
-                continue
-            inside = {a.name for a in self.accepted} - {accepted.name}
-            candidates = [replace(c) for c in self.candidates if c.name not in inside]
-            ranked = self._scored(without, candidates)
-            mine = next((c for c in ranked if c.name == accepted.name), None)
-            if mine is None:
-                continue
-            known = {r.name for r in accepted.rivals} | self.models.explaining_with(inside)
-            new = [
-                c for c in ranked if c.score.gain > SETTINGS.as_much * mine.score.gain and c.name not in known
-            ]
-            new, _ = worth_a_refit([c for c in new if c is not mine])
-            accepted.score = mine.score
-            accepted.rivals = [*(c for c in ranked if c.name in known), *new[: FORWARD_ROUND.rivals]]
+            self._ask_for_rivals(current, accepted)
+
+    def _ask_for_rivals(self, current: Fit, accepted: Accepted) -> None:
+        """Those of one accepted effect, by what the model without it leaves."""
+        without = self.models.without(current, accepted.name)
+        if without is None:
+            return
+        inside = {a.name for a in self.accepted} - {accepted.name}
+        candidates = [replace(c) for c in self.candidates if c.name not in inside]
+        ranked = self._scored(without, candidates)
+        mine = next((c for c in ranked if c.name == accepted.name), None)
+        if mine is None:
+            return
+        known = {r.name for r in accepted.rivals} | self.models.explaining_with(inside)
+        new = [c for c in ranked if c.score.gain > SETTINGS.as_much * mine.score.gain and c.name not in known]
+        new, _ = worth_a_refit([c for c in new if c is not mine])
+        accepted.score = mine.score
+        accepted.rivals = [*(c for c in ranked if c.name in known), *new[: FORWARD_ROUND.rivals]]
 
     def _scored(self, current: Fit, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Those of the candidates that their scores speak for in `current`, best first."""
@@ -410,7 +418,7 @@ class Attribution:
             Scores(self.models, current, self._step).score(candidates)
             return by_score(candidates)
         candidates = [c for c in candidates if c.name in screening.covered]
-        score_in_balance(screening, current, candidates, FORWARD_ROUND.rivals)
+        score_in_balance(screening, current, candidates)
         return by_score(candidates)
 
     def _compare_with_rivals(self, current: Fit, some: Sequence[Accepted]) -> Fit:

@@ -89,7 +89,7 @@ class SmoothedLog:
         parts = [p for p in parts if log.sampled[p][:, used].sum(axis=0).min(initial=len(log.time)) >= FEWEST]
         if not parts or not used:
             raise _too_short()
-        series = {c: _smoothed(log, parts, c) for c in used}
+        series = _series(log, parts, used)
         count = sum(p.stop - p.start for p in parts)
         interval = min(float(np.median(np.diff(log.time[p]))) for p in parts)
         cutoff = max(s[0].cutoff for s in series.values())
@@ -245,14 +245,17 @@ def _hits(model: mujoco.MjModel, log: Log, outputs: np.ndarray, sources: Sequenc
     return impacts(model, qpos, sd, travel)
 
 
-def _smoothed(log: Log, parts: Sequence[slice], column: int) -> list[Series]:
-    """The stretches of an output, of samples whose noise is independent: behind a logger's filter not of each."""
-    times, values = [], []
-    for part in parts:
-        own = log.sampled[part, column]
-        times.append(log.time[part][own])
-        values.append(log.outputs[part, column][own])
-    _, apart = noise_and_spacing(values, times)
-    if min(len(t) for t in times) >= apart * FEWEST:
-        times, values = [t[::apart] for t in times], [v[::apart] for v in values]
-    return smooth(times, values, SETTINGS.fewest_turns)
+def _series(log: Log, parts: Sequence[slice], columns: Sequence[int]) -> dict[int, list[Series]]:
+    """The stretches of outputs, of samples whose noise is independent: behind a logger's filter not of each."""
+    own = [[log.sampled[p, c] for p in parts] for c in columns]
+    times = [[log.time[p][o] for p, o in zip(parts, some, strict=True)] for some in own]
+    values = [
+        [log.outputs[p, c][o] for p, o in zip(parts, some, strict=True)]
+        for c, some in zip(columns, own, strict=True)
+    ]
+    found = {}
+    for k, (_, spacing) in enumerate(noise_and_spacing(values, times)):
+        every = spacing if min(len(t) for t in times[k]) >= spacing * FEWEST else 1
+        thinned = [[series[::every] for series in part] for part in (times[k], values[k])]
+        found[columns[k]] = smooth(*thinned, SETTINGS.fewest_turns)
+    return found

@@ -22,7 +22,7 @@ from capture_cli.estimate.noise.repeats import SETTINGS as REPEATS
 from capture_cli.estimate.noise.repeats import SHORTEST, from_repeats, repeats
 from capture_cli.log.arrays import Log
 from capture_cli.log.quantisation import scatter_of_steps
-from capture_cli.log.white_noise import from_differences, trimmed_sd
+from capture_cli.log.white_noise import noise_and_spacing, trimmed_sd
 
 
 @frozen
@@ -58,7 +58,7 @@ def noise_floor(
     own = [[s.start + np.flatnonzero(sampled[s, k]) for s in episodes] for k in range(len(declared))]
     series = [[outputs[steps, k] for steps in own[k]] for k in range(len(declared))]
     times = [[time[steps] for steps in own[k]] for k in range(len(declared))]
-    sd = shared(np.array([from_differences(s, t) for s, t in zip(series, times, strict=True)]), attitudes)
+    sd = shared(np.array([noise for noise, _ in noise_and_spacing(series, times)]), attitudes)
     source = ["differences"] * len(declared)
     known_sd = np.array([by if known is None else known for known, by in zip(declared, sd, strict=True)])
     numbers = repeats(time, driven_by, outputs, episodes, known_sd, sampled)
