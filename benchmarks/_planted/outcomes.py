@@ -78,6 +78,12 @@ EQUIVALENTS = (
         "a constant force on the cart, which nothing but a linear spring ties to its place",
     ),
     _alike("cart_pole", "control-delay@drive sensor-delay", _LATE),
+    _covers(
+        "cart_pole",
+        "payload@pole",
+        "com-shift@pole",
+        "both masses are declared: what shows is their sum, the first moment about the hinge, and the inertia",
+    ),
     _alike("arm", "control-delay sensor-delay", _LATE),
     _alike("pan_tilt", "control-delay sensor-delay", _LATE),
     _alike(
