@@ -31,6 +31,8 @@ class SETTINGS:
     uneven: float = 0.01  # of the sampling interval: files round times
     # samples between those that are compared behind a filter
     apart: tuple[int, ...] = (2, 3, 4, 6, 8, 12, 16)
+    # power of the spacing by which what is there may grow and pass for noise: that of a random walk
+    growth: float = 0.5
     # of a series' own standard deviation: samples that are too far apart for its motion show that as noise
     of_motion: float = 0.1
 
@@ -73,8 +75,8 @@ def noise_and_spacing(
 
 
 def _white_or_filtered(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> tuple[float, int] | None:
-    """The noise of a channel and its spacing; behind a filter that from which on samples that are farther apart show no
-    more noise, while of the motion they show the more. None where there is none such.
+    """The noise of a channel and its spacing; behind a filter that from which on samples that are farther apart show
+    hardly more of it, while of the motion they show the more. None where there is none such.
     """
     white = white_noise(series, times)
     if white is not None:
@@ -83,7 +85,8 @@ def _white_or_filtered(series: Sequence[np.ndarray], times: Sequence[np.ndarray]
     near = None
     for apart in SETTINGS.apart:
         far = white_noise(*_apart(series, times, spacing=apart))
-        if near is not None and far is not None and SETTINGS.still_falling * far < near[0] < largest:
+        grown = 0.0 if near is None else near[0] * (apart / near[1]) ** SETTINGS.growth
+        if far is not None and far < grown and near[0] < largest:
             return near
         near = None if far is None else (far, apart)
     return None
