@@ -212,8 +212,7 @@ def test_training_leaves_nothing_in_the_temporary_directory(tmp_path, monkeypatc
     assert not list(temporary.iterdir())
 
 
-@pytest.mark.parametrize("force", [False, True])
-def test_an_interrupted_training_goes_on_to_the_same_result(trained, tmp_path, monkeypatch, force):
+def test_an_interrupted_training_goes_on_to_the_same_result(trained, tmp_path, monkeypatch):
     out = tmp_path / "policy"
     with monkeypatch.context() as patch:
         _interrupt(patch, after=7)  # batches of 24; evaluations are 4 apart
@@ -224,7 +223,7 @@ def test_an_interrupted_training_goes_on_to_the_same_result(trained, tmp_path, m
         stage.train_policy(out=out, **TINY)
     with monkeypatch.context() as patch:
         _interrupt(patch, after=20)  # 4 of 24 batches are not made again
-        stage.train_policy(out=out, resume=True, force=force, threads=2, **TINY)
+        stage.train_policy(out=out, resume=True, force=True, threads=2, **TINY)
     for name in ("policy.safetensors", "metrics.jsonl", "policy.json"):
         assert (out / name).read_bytes() == (trained / name).read_bytes()
     assert stage.train_policy(out=out, resume=True, **TINY) == json.loads((out / "policy.json").read_text())

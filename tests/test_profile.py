@@ -198,10 +198,9 @@ log.window = 0.5
 """
 
 
-@pytest.mark.parametrize("seed", [4, 5])
-def test_a_puck_that_never_slips_is_said_to_grip_at_least_so_well(tmp_path, monkeypatch, capsys, seed):
-    """On a tray that takes up to half of its weight to carry along: for the noise of the first log it slips once by a
-    hair, and sensitivities say that this tells the grip to 0.05; in the second they say nothing.
+def test_a_puck_that_never_slips_is_said_to_grip_at_least_so_well(tmp_path, monkeypatch, capsys):
+    """On a tray that takes up to half of its weight to carry along: for the noise of this log it slips once by a hair,
+    and sensitivities say that this tells the grip to 0.05.
     """
     (tmp_path / "model.xml").write_text(PUCK_XML)
     (tmp_path / "task.toml").write_text(PUCK_TOML)
@@ -214,7 +213,7 @@ def test_a_puck_that_never_slips_is_said_to_grip_at_least_so_well(tmp_path, monk
         episodes=2,
         duration=1.0,
         rate=100,
-        seed=seed,
+        seed=4,
         threads=1,
     )
     arguments = ["identify", "--real-log", log, "--task", task, "--out", out, "--threads", "1"]

@@ -139,10 +139,8 @@ def disturbed(log: MeasuredLog, share: float, size: float) -> MeasuredLog:
     return replace(log, outputs=log.outputs + off)
 
 
-@pytest.mark.parametrize(("share", "size"), [(0.01, 8.0), (0.03, 5.0)])
-def test_outliers_are_noise_and_nothing_that_a_model_lacks(
-    share, size, slider_task, tmp_path, without_pages, monkeypatch
-):
+def test_outliers_are_noise_and_nothing_that_a_model_lacks(slider_task, tmp_path, without_pages, monkeypatch):
+    share, size = 0.01, 8.0
     look_among(monkeypatch, *LOOKED_FOR)
     log = sliding(slider_task, tmp_path, episodes=5).log
     disturbed(log, share, size * 1e-3).write(tmp_path / "outliers.zarr")

@@ -14,7 +14,6 @@ import pytest
 from episodes_of import episodes_of
 from toy_rounds import SIGNATURE, histories, write
 
-from benchmarks.family import Logs
 from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier
 from capture_cli.context.histories.action_library import log_sequences
 from capture_cli.context.identifiers._family import Family
@@ -142,7 +141,7 @@ def test_an_estimate_is_taken_up_with_its_seed_or_the_one_that_is_given(scooping
     identify(**options, out=tmp_path / "e", identifier="least-squares", starts=1, seed=4)
     shutil.rmtree(tmp_path / "log.zarr")
     log.write(tmp_path / "log.zarr")
-    for given, kept in ((None, 4), (9, 9), (0, 0)):
+    for given, kept in ((None, 4), (0, 0)):
         shutil.copytree(tmp_path / "e", out := tmp_path / f"e{given}")
         identify(**options, out=out, starts=1, resume=True, seed=given)
         assert json.loads((out / "provenance.json").read_text())["options"]["seed"] == kept
@@ -238,13 +237,6 @@ def test_strokes_need_not_reach_every_wall_in_context(tmp_path):
     assert any("right_damping" in u["combination"] for u in document["undetermined"])
     with pytest.raises(FitError, match="right_damping moves no output"):
         identify(**options, identifier="least-squares", force=True, threads=1)
-
-
-def test_logs_as_in_training_are_not_taken_for_others():
-    """One in a hundred may be, by the law of the histories held out: of 24, three are once in five hundred times."""
-    logs = Logs("air-hockey", 24)
-    assert logs.outside() <= 2 / 24
-    assert logs.outside(policy="random") > 0.9
 
 
 def test_noise_that_training_had_not_does_not_put_a_log_outside(scooping):

@@ -25,13 +25,10 @@ from capture_cli.select.candidates import all_candidates
 
 # small: columns are taken where the declared parameters fit best without the effect, and a large one bends those
 CASES = [
-    ("slider", "coulomb-friction", "x", 0.05),
     ("slider", "quadratic-drag", "x", 0.5),
     ("slider", "control-delay", "drive", 0.1),
     ("slider", "sensor-bias", "q", 0.05),
     ("cart_pole", "constant-force", "theta", 0.01),
-    ("cart_pole", "constant-force", "x", 0.01),
-    ("cart_pole", "control-lag", "drive", 0.05),
     ("cart_pole", "coulomb-friction", "x", 0.02),
 ]
 DIFFERENT = 0.98  # cosine of responses above which a log hardly tells two effects apart
@@ -51,10 +48,9 @@ def test_what_was_planted_comes_first_with_its_size(machine, name, site, share):
     np.testing.assert_allclose(right.model.values[0], values, rtol=0.05, atol=1e-9)
 
 
-@pytest.mark.parametrize("share", [0.75, 0.82])
-def test_a_limit_is_found_that_the_force_seldom_reaches(share):
+def test_a_limit_is_found_that_the_force_seldom_reaches():
     """Most of its range does nothing in this log: the motor asks for 30 N, and could be limited anywhere up to 120."""
-    own = Made.of("slider", ("torque-speed-limit", "drive", share), episodes=4)
+    own = Made.of("slider", ("torque-speed-limit", "drive", 0.82), episodes=4)
     _, (stall, _) = own.planted[0]
     best = own.screening().additions((), ())[0]
     assert best.placed.name == "torque-speed-limit@drive" and best.gain > 50

@@ -5,14 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from held_inputs import held_machine
 from machines import ARM, build, machine, run
 
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.states import InitialStates
-from capture_cli.stages import diagnose as diagnose_stage
-from capture_cli.stages.diagnose import diagnose
-from capture_cli.stages.record import record
 
 TURNING = """
 <mujoco>
@@ -90,34 +86,3 @@ def test_it_sits_at_motors_and_servos_of_joints():
           <motor site="s"/><dcmotor joint="a" motorconst=".1" resistance="1"/>
         </actuator></mujoco>""")
     assert REGISTRY.get("torque-ripple").sites(model) == ["#0", "servo"]
-
-
-@pytest.mark.parametrize(("name", "site", "size"), [("torque-ripple", "drive", 0.2), ("cogging", "x", 1.5)])
-def test_ripple_and_cogging_are_told_apart(name, site, size, tmp_path, monkeypatch):
-    monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
-    sine, cosine, period = 0.8 * size, -0.6 * size, 0.083
-    task = str(held_machine(tmp_path / "slider", "slider", 0.004))
-    record(
-        task=task,
-        out=tmp_path / "log.zarr",
-        effects=[
-            f"{name}@{site}.sine={sine}",
-            f"{name}@{site}.cosine={cosine}",
-            f"{name}@{site}.period={period}",
-        ],
-        noise=5e-4,
-        episodes=5,
-        duration=2.0,
-        rate=250,
-        seed=4,
-    )
-    document = diagnose(
-        real_log=tmp_path / "log.zarr", task=task, out=tmp_path / "d", quiet=True, threads=1
-    ).document
-    assert document["verdict"] == "effect-found"
-    (found,) = document["effects"]
-    assert (found["name"], found["site"], found["tied_with"]) == (name, site, [])
-    value = {n: p["value"] for n, p in found["parameters"].items()}
-    assert value["period"] == pytest.approx(period, rel=0.01)
-    assert [value["sine"], value["cosine"]] == pytest.approx([sine, cosine], abs=0.1 * size)
-    assert document["after"]["test"]["normalized"] < 1.1
