@@ -627,8 +627,6 @@ def test_an_out_that_may_not_be_written(capture, log, tmp_path, without_pages):
     "arguments",
     [
         ("effects", "--json"),
-        ("tasks", "--json", "--task", SLIDER),
-        ("effects", "--task", SLIDER),
         ("--help",),
     ],
 )
@@ -678,18 +676,11 @@ def test_a_stdout_that_is_closed():
         ("identify --task nothing", []),
     ],
 )
-def test_commands_and_values_are_completed(tmp_path, typed, offered):
+def test_commands_and_values_are_completed(capture, tmp_path, monkeypatch, typed, offered):
     """What the script of `--show-completion bash` runs when a user presses tab."""
     (tmp_path / "arm.toml").touch()
     words = f"capture {typed}"
     asked = {"_CAPTURE_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
-    program = "import sys; sys.argv = ['capture']; from capture_cli.cli import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env=ENVIRONMENT | asked,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.stdout.split() == offered
+    for name, value in asked.items():
+        monkeypatch.setenv(name, value)
+    assert capture()[1].split() == offered

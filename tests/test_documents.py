@@ -6,10 +6,10 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from warm_capture import warm_capture
 
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.documents import parse_json, read_json, read_toml
@@ -133,22 +133,24 @@ def test_a_file_that_may_not_be_read_is_said(tmp_path, monkeypatch):
 @pytest.fixture
 def without_rights(tmp_path):
     """Runs `capture ARGUMENTS` where files of mode 000 may not be read; root gives that right up."""
-    program = [sys.executable, "-m", "capture_cli"]
+    under = []
     if os.geteuid() == 0:
         if shutil.which("setpriv") is None:
             pytest.skip("root may read every file, and there is no setpriv to give that up")
         rights = "-dac_override,-dac_read_search"
-        program = ["setpriv", f"--bounding-set={rights}", f"--inh-caps={rights}", *program]
+        under = ["setpriv", f"--bounding-set={rights}", f"--inh-caps={rights}"]
+        done = subprocess.run([*under, "true"], capture_output=True, text=True)
+        if done.returncode != 0:
+            pytest.skip(f"root may read every file, and may not give that up here: {done.stderr}")
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[1])}
+    with warm_capture("import_log", "record", "inspect", under=under, environment=environment) as program:
 
-    def run(*arguments):
-        return subprocess.run(
-            [*program, *map(str, arguments)], env=environment, capture_output=True, text=True, cwd=tmp_path
-        )
+        def run(*arguments):
+            return subprocess.run(
+                [*program, *map(str, arguments)], capture_output=True, text=True, cwd=tmp_path
+            )
 
-    if (done := run("--version")).returncode != 0:
-        pytest.skip(f"root may read every file, and may not give that up here: {done.stderr}")
-    return run
+        yield run
 
 
 def test_files_and_folders_of_mode_000_are_said(without_rights, slider_task, tmp_path):

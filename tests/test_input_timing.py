@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
 import pytest
 from balances import Made
 
@@ -34,13 +33,17 @@ ASKED = (
     "control-delay",
     "control-gain",
 )
+# and one of commands alone
+LIKE_A_GAIN = ("control-reverse-gain", "control-gain", "control-lag", "control-delay", "coulomb-friction")
 QUIET = {"threads": 1}
 
 
-@pytest.mark.parametrize("machine", ["slider", "cart_pole"])
-@pytest.mark.parametrize(("dress", "commands"), [("plain", 1), ("half-rate", 2), ("quarter-rate", 4)])
+@pytest.mark.parametrize(
+    ("machine", "dress", "commands"),
+    [("slider", "plain", 1), ("cart_pole", "half-rate", 2), ("slider", "quarter-rate", 4)],
+)
 def test_the_log_tells_how_many_commands_there_are_from_row_to_row(machine, dress, commands):
-    task, log, _ = Case(NOTHING, machine, (), 1.0, 5, dress=dress, episodes=6).build()
+    task, log, _ = Case(NOTHING, machine, (), 1.0, 5, dress=dress, episodes=4).build()
     assert [c.hold for c in task.inputs] == [None] * len(task.inputs)
     prepared = prepare(log, task, **QUIET)
     assert [t.hold for t in prepared.input_timings] == [Hold(commands)] * len(task.inputs)
@@ -69,8 +72,6 @@ def test_commands_that_are_written_a_row_late_act_before_their_rows(machine):
     ("effect", "magnitude", "dress", "commands"),
     [
         ("coulomb-friction@x", 3.0, "plain", {1}),
-        ("coulomb-friction@x", 3.0, "half-rate", {2}),
-        ("coulomb-friction@x", 10.0, "half-rate", {2, 3, np.inf}),
         ("direction-dependent-viscous@x", 10.0, "half-rate", {2}),
     ],
 )
@@ -83,7 +84,7 @@ def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnit
     candidates = [c for c in all_candidates(prepared) if c.placed.kind in ASKED]
     found, _ = timings_with_effects(unread, candidates, as_read, 1)
     (timing,) = found
-    assert timing.hold.commands in commands  # noise hides which of more than one
+    assert timing.hold.commands in commands
     assert with_timings(task, found).holds == (timing.hold,)
 
 
@@ -105,8 +106,8 @@ def test_what_leaves_far_more_than_noise_is_told_by_what_is_likelier():
     name = "control-reverse-gain@tilt"
     task, log, _ = Case(PLANTED, "pan_tilt", (name,), 10.0, 40039109, dress="quarter-rate").build()
     prepared = prepare(log, task, **QUIET)
-    every = all_candidates(prepared)
-    found, _ = timings_with_effects(replace(prepared, task=task), every, partial(prepare, log, **QUIET), 1)
+    few = [c for c in all_candidates(prepared) if c.placed.kind in LIKE_A_GAIN]
+    found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
     assert [t.hold for t in found] == [Hold(4.0)] * 2
 
 
@@ -136,7 +137,7 @@ def test_simulations_tell_where_the_balance_is_not_sure(monkeypatch):
 
 
 def test_a_log_without_a_balance_tells_nothing_and_its_inputs_are_held():
-    task, log, _ = Case(NOTHING, "puck", (), 1.0, 5, episodes=6).build()
+    task, log, _ = Case(NOTHING, "puck", (), 1.0, 5, episodes=2).build()
     prepared = prepare(log, task, **QUIET)
     assert prepared.input_timings == () and set(prepared.task.holds) <= {HELD}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -54,9 +55,15 @@ def hostile(value: Any, markup: str, key: str = "") -> Any:
 def pages(kind: str, record: str, markup: str) -> tuple[str, str]:
     """(the page of a record, the page of the same record with markup in all that it says)."""
     module, made = PAGES[kind]
-    plain, other = made.RECORDS[record](), made.RECORDS[record]()
+    other = made.RECORDS[record]()
     marked = type(other)(hostile(other.document, markup), other.arrays, hostile(other.attributes, markup))
-    return module.render(plain, made.PROVENANCE), module.render(marked, hostile(made.PROVENANCE, markup))
+    return plain_page(kind, record), module.render(marked, hostile(made.PROVENANCE, markup))
+
+
+@cache
+def plain_page(kind: str, record: str) -> str:
+    module, made = PAGES[kind]
+    return module.render(made.RECORDS[record](), made.PROVENANCE)
 
 
 CASES = [(kind, record, "".join(MARKUP)) for kind, (_, made) in PAGES.items() for record in made.RECORDS]

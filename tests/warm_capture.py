@@ -48,18 +48,19 @@ def warm_capture(
     *stages: str,
     undrawn: Sequence[str] = (),
     among: Sequence[str] = (),
+    under: Sequence[str] = (),
     environment: Mapping[str, str] = os.environ,
 ) -> Iterator[list[str]]:
     """A program, as the words of its command line, that does what `capture` does while the context lasts.
 
     stages: modules of capture_cli.stages that it has imported. undrawn: those that draw no page and no figure. among:
-    kinds of effects that diagnoses look for; all where there are none.
+    kinds of effects that diagnoses look for; all where there are none. under: words of a command that begins it.
     """
     with tempfile.TemporaryDirectory() as folder:
         address, client = f"{folder}/address", Path(folder) / "capture.py"
         client.write_text(CLIENT.format(address=address))
         asked = json.dumps([address, stages, undrawn, among])
-        command = [sys.executable, __file__, asked]
+        command = [*under, sys.executable, __file__, asked]
         with subprocess.Popen(command, stdout=subprocess.PIPE, env={**environment}) as server:
             try:
                 assert server.stdout.readline() == b"ready\n"
