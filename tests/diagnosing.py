@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -12,7 +11,7 @@ from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.split import NewSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
-from capture_cli.select.candidates import Candidate, all_candidates
+from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings
 from capture_cli.stages.diagnose import diagnose_prepared
 
@@ -25,24 +24,10 @@ def diagnose(log: MeasuredLog, task: Task, seed: int) -> dict[str, Any]:
     return diagnose_prepared(prepared, task.space.nominal, settings, progress).document
 
 
-# They move what the model has no joint for, a rotor, a load or a base, beside MuJoCo and step by step: to fit one takes
-# as long as to fit ten others.
-SLOW = ("backlash", "base-compliance", "compliance", "loose-mass", "viscoelastic-spring")
-
-
 def look_among(patch: pytest.MonkeyPatch, *kinds: str) -> None:
     """Effects of these kinds are all that diagnoses look for from here on."""
-    _look(patch, lambda candidate: candidate.placed.kind in kinds)
-
-
-def look_beside_slow(patch: pytest.MonkeyPatch) -> None:
-    """Diagnoses look for all effects but the SLOW ones from here on."""
-    _look(patch, lambda candidate: candidate.placed.kind not in SLOW)
-
-
-def _look(patch: pytest.MonkeyPatch, is_wanted: Callable[[Candidate], bool]) -> None:
     for module in ("select.search", "stages.diagnose"):
         patch.setattr(
             f"capture_cli.{module}.all_candidates",
-            lambda log: [c for c in all_candidates(log) if is_wanted(c)],
+            lambda log: [c for c in all_candidates(log) if c.placed.kind in kinds],
         )

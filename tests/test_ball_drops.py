@@ -52,5 +52,6 @@ def test_the_drag_of_a_tennis_ball_is_linear_or_quadratic(found, monkeypatch):
 
 
 @pytest.mark.parametrize("ball", ["bowling_ball", "baseball"])
-def test_nothing_is_found_where_two_drops_show_nothing(found, ball):
+def test_nothing_is_found_where_two_drops_show_nothing(found, ball, monkeypatch):
+    look_among(monkeypatch, *LINEAR, *QUADRATIC, *OTHERS)
     assert found(ball) == []

@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs" / "contributing.md").read_text(encoding="utf-8")
 FILES = re.findall(r"^`(capture_cli/\S+\.py)`\n\n```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 STAGES = ("record", "import_log", "inspect", "identify", "diagnose")
+AMONG = ("square-root-drag", "viscous-damping", "quadratic-drag", "coulomb-friction", "control-lag")
 SESSIONS = re.findall(r"^```console\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
@@ -79,7 +80,9 @@ def test_what_is_shown_happens(project):
     assert len(SESSIONS) >= 5
     steps = [step.partition("\n") for session in SESSIONS for step in session.split("$ ")[1:]]
     environment = {**os.environ, "PYTHONPATH": str(project)}
-    with warm_capture(*STAGES, undrawn=["identify", "diagnose"], environment=environment) as capture:
+    with warm_capture(
+        *STAGES, undrawn=["identify", "diagnose"], among=AMONG, environment=environment
+    ) as capture:
         for command, _, shown in steps:
             program, *arguments = command.split()
             assert program == "capture"

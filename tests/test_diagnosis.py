@@ -52,16 +52,14 @@ from capture_cli.select.rejection import slight
 from capture_cli.select.residual_curves import SETTINGS as RESIDUAL_CURVES
 from capture_cli.select.residual_curves import accelerations, curve, largest_around, residual_curves
 from capture_cli.select.score import score
-from capture_cli.select.search import SETTINGS as SEARCH
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose, diagnose_prepared
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
-from capture_cli.stages.search_checkpoint import StepFiles
 from capture_cli.store.diagnosis import DiagnosisRecord
 from capture_cli.store.estimate import Estimate
 
-ALIKE_LAGS = ("control-lag", "control-second-order-lag", "control-gain", "sensor-delay")
+ALIKE_LAGS = ("control-lag", "control-second-order-lag", "sensor-delay")
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 
 
@@ -570,6 +568,9 @@ def logs(tmp_path_factory):
 
 def test_an_effect_is_found_added_and_its_error_reported_before_and_after(logs, tmp_path, monkeypatch):
     monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
+    look_among(
+        monkeypatch, "coulomb-friction", "stribeck-friction", "quadratic-drag", "sensor-bias", "control-lag"
+    )
     document = diagnose(
         real_log=logs["friction"], task=str(SLIDER), out=tmp_path / "found", quiet=True, threads=1
     ).document
@@ -810,25 +811,12 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
     arm = load_task(task)
     log = MeasuredLog.read(tmp_path / "arm.zarr")
     prepared = prepare(log, arm)
-    (tmp_path / "steps").mkdir()
-
-    def found(most_effects: int) -> dict:
-        """diagnosis.json; the steps that both have in common are made once."""
-        settings = Settings(
-            most_effects=most_effects,
-            expression=False,
-            threads=1,
-            checkpoint=StepFiles(tmp_path / "steps"),
-        )
-        progress = Progress("diagnose", "model", quiet=True)
-        return diagnose_prepared(prepared, arm.space.nominal, settings, progress).document
-
-    document, one = found(SEARCH.most_effects), found(1)
+    settings, progress = Settings(expression=False, threads=1), Progress("diagnose", "model", quiet=True)
+    document = diagnose_prepared(prepared, arm.space.nominal, settings, progress).document
     times = {e["site"]: e["parameters"]["time_constant"]["value"] for e in document["effects"]}
     assert {e["name"] for e in document["effects"]} == {"control-lag"}
     assert times == {"shoulder": pytest.approx(0.03, rel=0.1), "elbow": pytest.approx(0.05, rel=0.1)}
     assert document["verdict"] == "effect-found"
-    assert len({e["name"] for e in one["effects"]}) == 1  # at however many places at once
 
 
 def test_what_is_left_is_told_with_where_it_is():

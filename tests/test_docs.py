@@ -317,7 +317,7 @@ def test_the_tutorial_works(tmp_path, monkeypatch, without_pages):
             out=tmp_path / f"{day}.zarr",
             parameters=truth,
             noise=0.002,
-            duration=8.0,
+            duration=5.0,
             rate=200,
             amplitude={"motor": 1.2},
             seed=seed,

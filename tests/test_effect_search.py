@@ -277,7 +277,7 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
         compared.append([rounds[id(c.score)][0] for c in (mine, other)])
         return compare(self, mine, other)
 
-    few = ("control-delay", "sensor-delay", "control-second-order-lag", "coulomb-friction", "sensor-low-pass")
+    few = ("control-delay", "sensor-delay", "control-lag", "coulomb-friction")
     catalogue = attribution.all_candidates
     monkeypatch.setattr(
         attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
@@ -329,7 +329,7 @@ def test_an_effect_of_all_sensors_is_tried_at_each_that_is_in_the_log(
 def test_what_is_missing_at_every_joint_is_found_at_once(tmp_path, monkeypatch, without_pages, effects):
     """A law at both joints, and two effects of two kinds, of which the first is not spread to other places."""
     catalogue, balance_round_of, begun = attribution.all_candidates, Attribution._balance_round, []
-    few = ("coulomb-friction", "sensor-delay", "joint-spring", "cogging")
+    few = ("coulomb-friction", "sensor-delay", "viscous-damping")
     monkeypatch.setattr(
         attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )

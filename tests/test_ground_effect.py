@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from diagnosing import diagnose
+from diagnosing import diagnose, look_among
 from machines import DRONE, build, run
 from plain_loop import imported, looped
 
@@ -224,7 +224,8 @@ def flown(task, radius: float) -> MeasuredLog:
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.1])
-def test_it_is_found_with_its_radius_where_it_is_and_nowhere_else(radius, task, tmp_path):
+def test_it_is_found_with_its_radius_where_it_is_and_nowhere_else(radius, task, tmp_path, monkeypatch):
+    look_among(monkeypatch, "ground-effect", "control-gain", "quadratic-drag", "medium-density", "payload")
     flown(task, radius).write(tmp_path / "log.zarr")
     document = diagnose(MeasuredLog.read(tmp_path / "log.zarr"), task, seed=0)
     found = {f"{e['name']}@{e['site']}": e["parameters"] for e in document["effects"]}

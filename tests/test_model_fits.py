@@ -64,14 +64,13 @@ def planted(
     return prepare(log, load_task(str(task))), values
 
 
-@pytest.mark.parametrize(("name", "text"), [("compliance", "compliance=0.002"), ("backlash", "width=0.02")])
-def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path, name, text, monkeypatch):
-    prepared, truth = planted(tmp_path, f"{name}@x.{text}")
-    effect = REGISTRY.get(name)(prepared.task.model, "x")
+def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path, monkeypatch):
+    prepared, truth = planted(tmp_path, "compliance@x.compliance=0.002")
+    effect = REGISTRY.get("compliance")(prepared.task.model, "x")
     assert effect.states
 
     def error(fits: ModelFits) -> float:
-        return fits.fit(prepared, [Placed(name, effect)], truth).error
+        return fits.fit(prepared, [Placed("compliance", effect)], truth).error
 
     free = error(ModelFits(prepared, 1))
     _hold_hidden(monkeypatch)
@@ -363,17 +362,15 @@ def test_what_nothing_shows_stays_where_it_is(tmp_path):
     prepared, truth = planted(tmp_path, "internal-momentum@head.z=1e-3", task=tmp_path / "task.toml")
     effect = REGISTRY.get("internal-momentum")(prepared.task.model, "head")
     placed, fits = Placed("internal-momentum", effect), ModelFits(prepared, 1)
-    for begin in (0.0, 5e-4, -5e-4):
+    for begin in (0.0, -5e-4):
         fit = fits.fit(prepared, [placed], np.array([truth[0], 0.0, 0.0, begin]))
         assert fit.point[3] == pytest.approx(1e-3, rel=0.05) and fit.error < 1.05
         assert abs(fit.point[2]) < 1e-3 * effect.space.high[1]
 
 
-@pytest.mark.parametrize(
-    "effect", ["loose-mass@x.mass=0.5", "force-supply-sag=0.3", "viscoelastic-spring@x.stiffness=20"]
-)
+@pytest.mark.parametrize("effect", ["loose-mass@x.mass=0.5", "viscoelastic-spring@x.stiffness=20"])
 def test_a_loose_mass_begins_as_the_log_shook_it_and_so_stands_in_for_nothing_else(tmp_path, effect):
-    """Free in each window, 1.7, 7 and 1.3 times the noise would be left of 188, 50 and 7."""
+    """Free in each window, 1.7 and 1.3 times the noise would be left of 188 and 7."""
     prepared, truth = planted(tmp_path, effect)
     folds = select_folds(prepared.windows, prepared.split.is_test)
     models = ModelComparison(ModelFits(prepared, 1), folds, seed=0)

@@ -35,7 +35,7 @@ DAY = 86_411.0
 @pytest.fixture(autouse=True)
 def few_candidates(monkeypatch):
     """A search among a few effects is a fast one."""
-    few = ("periodic-disturbance", "cogging", "viscous-friction", "coulomb-friction")
+    few = ("periodic-disturbance", "viscous-damping", "coulomb-friction")
     whole = all_candidates
     monkeypatch.setattr(
         attribution, "all_candidates", lambda log: [c for c in whole(log) if c.placed.kind in few]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from coloured_noise import coloured
-from diagnosing import look_beside_slow
+from diagnosing import look_among
 from gimbal import gimbal
 from held_inputs import held_machine
 from scipy.spatial.transform import Rotation
@@ -59,7 +59,9 @@ def test_coloured_noise_is_measured_through_the_simulator(repeats):
 
 
 def test_coloured_noise_is_no_lack_of_fit(repeats, tmp_path, without_pages, monkeypatch):
-    look_beside_slow(monkeypatch)
+    look_among(
+        monkeypatch, "coulomb-friction", "stribeck-friction", "quadratic-drag", "sensor-bias", "control-lag"
+    )
     path, task, missing = repeats
     estimate = identify(real_log=path, task=task, out=tmp_path / "estimate", threads=1, quiet=True)
     found = diagnose(

@@ -117,7 +117,7 @@ def test_a_training_does_not_go_on_with_another_reward(tmp_path, monkeypatch):
 def test_from_the_policy_of_ones_own_machine_to_its_evaluation(tmp_path, without_pages):
     task, options = str(CART), {"threads": 1}
     made = train_policy(
-        task=task, out=tmp_path / "p", steps=3200, envs=32, learning_rate=3e-3, evaluations=1, **options
+        task=task, out=tmp_path / "p", steps=1920, envs=32, learning_rate=3e-3, evaluations=1, **options
     )
     assert made["result"]["success"] > made["result"]["random"]["success"] + 0.2
     histories = tmp_path / "h.zarr"

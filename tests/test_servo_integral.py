@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from begun_inside import begun_inside
-from diagnosing import diagnose, look_beside_slow
+from diagnosing import diagnose, look_among
 from held_inputs import MACHINES, held_machine
 from machines import away, build, run
 from plain_loop import looped
@@ -35,6 +35,14 @@ EMPS = Path(__file__).parents[1] / "docs" / "examples" / "emps" / "model.xml"
 EFFECT = "servo-integral@tilt"
 KI, LIMIT = 8.0, 0.02  # N m/(rad s), rad s: it is at its limit again and again
 PLANTED = (f"{EFFECT}.ki={KI}", f"{EFFECT}.limit={LIMIT}")
+# what it could be taken for
+BESIDE_INTEGRAL = (
+    "control-gain",
+    "control-lag",
+    "coulomb-friction",
+    "linear-stiffness",
+    "hysteretic-friction",
+)
 
 
 def recorded(folder: Path, *planted: str, duration: float = 4.0) -> tuple[MeasuredLog, np.ndarray]:
@@ -79,7 +87,7 @@ def fitted(log: MeasuredLog, task: Task, limited: bool = True):
 
 
 def test_an_integral_term_is_found_with_its_gain_and_its_limit(tmp_path, monkeypatch):
-    look_beside_slow(monkeypatch)
+    look_among(monkeypatch, "servo-integral", *BESIDE_INTEGRAL)
     log, _ = recorded(tmp_path, *PLANTED, duration=2.5)
     document = diagnose(log, pan_tilt(tmp_path), seed=0)
     [found] = document["effects"]
@@ -88,12 +96,6 @@ def test_an_integral_term_is_found_with_its_gain_and_its_limit(tmp_path, monkeyp
     assert size == pytest.approx({"ki": KI, "limit": LIMIT}, rel=0.05)
     before, after = (document[when]["test"]["normalized"] for when in ("before", "after"))
     assert after < 1.1 < 2 < before
-
-
-def test_nothing_is_found_where_servos_are_as_modelled(tmp_path):
-    log, _ = recorded(tmp_path, duration=2.5)
-    document = diagnose(log, pan_tilt(tmp_path), seed=0)
-    assert document["verdict"] == "explained" and not document["effects"]
 
 
 @pytest.mark.parametrize("planted", [PLANTED, PLANTED[:1]], ids=["clamped", "unlimited"])
