@@ -203,14 +203,15 @@ def test_a_run_that_was_killed_as_it_began_goes_on(folder, monkeypatch):
 
 def test_a_checkpoint_and_another_name_for_it(folder, trained):
     identifiers = ["domain-randomization", str(trained), f"capture-refined={trained}"]
-    e = evaluate(out=folder / "learned", identifiers=identifiers, noise="label", **SMALL)
+    few = {**SMALL, "pairs": 3, "seeds": 1}
+    e = evaluate(out=folder / "learned", identifiers=identifiers, noise="label", **few)
     assert list(e.document["identifiers"]) == ["domain-randomization", "posterior", "capture-refined"]
     plain, refined = (
         e.document["identifiers"][n]["simulated_rollouts"] for n in ("posterior", "capture-refined")
     )
     assert plain[-1] == 4 < refined[-1]
     assert e.document["identifiers"]["posterior"]["coverage"] is not None
-    told = evaluate(out=folder / "told", identifiers=identifiers, noise="label", known_noise=True, **SMALL)
+    told = evaluate(out=folder / "told", identifiers=identifiers, noise="label", known_noise=True, **few)
     assert told.document["noise"] == "label (known)"
     same = (told.arrays["estimates"] == e.arrays["estimates"]).all(axis=(1, 2, 3, 4))
     assert same.tolist() == [True, True, False]

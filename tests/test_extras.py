@@ -75,10 +75,25 @@ def without_extras(program: str, folder: Path) -> subprocess.CompletedProcess:
     )
 
 
-def capture(arguments: str, folder: Path) -> subprocess.CompletedProcess:
-    """Run `capture ARGUMENTS` in `folder` as if no extra were installed."""
-    program = f"sys.argv = ['capture', *{arguments.split()}]\nfrom capture_cli.cli import main\nmain()"
-    return without_extras(program, folder)
+def capture(commands: dict[str, str], folder: Path) -> dict[str, tuple[int, str, str]]:
+    """What comes of each `capture ARGUMENTS` in `folder` as if no extra were installed: exit code, stdout, stderr."""
+    program = f"""
+import contextlib, io, json
+from capture_cli.cli import main
+ended = {{}}
+for name, arguments in {commands}.items():
+    sys.argv, code = ["capture", *arguments.split()], 0
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        try:
+            main()
+        except SystemExit as error:
+            code = error.code or 0
+    ended[name] = code, out.getvalue(), err.getvalue()
+print(json.dumps(ended))
+"""
+    done = without_extras(program, folder)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
 
 
 @pytest.mark.skipif("CAPTURE_ALL_EXTRAS" not in os.environ, reason="says that every extra is installed")
@@ -102,14 +117,15 @@ print(json.dumps(failed))
     assert set(json.loads(done.stdout)) == NOT_OF_THE_CORE
 
 
-@pytest.mark.parametrize("name", NEEDS)
-def test_who_needs_an_extra_says_so_before_any_work(name, tmp_path):
-    arguments, extra, found = NEEDS[name]
-    done = capture(arguments, tmp_path)
-    first, cure = done.stderr.splitlines()
-    assert first.startswith("error: ") and found in first and first.endswith("not installed here")
-    assert cure == f"  cure: pip install 'capture[{extra}]'"
-    assert (done.returncode, done.stdout, list(tmp_path.iterdir())) == (2, "", [])
+def test_who_needs_an_extra_says_so_before_any_work(tmp_path):
+    ended = capture({name: arguments for name, (arguments, _, _) in NEEDS.items()}, tmp_path)
+    for name, (_, extra, found) in NEEDS.items():
+        code, out, err = ended[name]
+        first, cure = err.splitlines()
+        assert first.startswith("error: ") and found in first and first.endswith("not installed here"), name
+        assert cure == f"  cure: pip install 'capture[{extra}]'"
+        assert (code, out) == (2, ""), name
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_every_help_is_there_without_extras(tmp_path):
@@ -127,12 +143,12 @@ print(len(names))
 
 
 def test_the_plant_is_recorded_and_histories_are_made_without_extras(tmp_path):
-    for arguments in (
-        "record --task air-hockey --episodes 2 --out run.zarr",
-        "gen-histories --task scooping --pairs 4 --rounds 3 --out histories.zarr --quiet",
-    ):
-        done = capture(arguments, tmp_path)
-        assert done.returncode == 0, done.stderr
+    commands = {
+        "record": "record --task air-hockey --episodes 2 --out run.zarr",
+        "gen-histories": "gen-histories --task scooping --pairs 4 --rounds 3 --out histories.zarr --quiet",
+    }
+    for code, _, err in capture(commands, tmp_path).values():
+        assert code == 0, err
     made = json.loads((tmp_path / "run.zarr" / "provenance.json").read_text(encoding="utf-8"))
     assert {"mujoco", "numpy"} <= set(made["packages"])
 
