@@ -44,14 +44,7 @@ from capture_cli.model.effects import REGISTRY
 from capture_cli.model.tasks import load_task
 
 # what steps that are too long could be taken for
-BESIDE_STEPS = (
-    "viscous-damping",
-    "coulomb-friction",
-    "reflected-inertia",
-    "control-delay",
-    "control-lag",
-    "sensor-delay",
-)
+BESIDE_STEPS = ("viscous-damping", "coulomb-friction", "reflected-inertia", "sensor-delay")
 EPISODES = 4  # rather than twelve, for the time it takes
 FRICTION = Case(PLANTED, "slider", ("coulomb-friction@x",), 3.0, 0, episodes=EPISODES)
 CONSTANT = Case(PLANTED, "slider", ("constant-force@x",), 3.0, 0)
@@ -71,18 +64,13 @@ def test_an_obvious_effect_is_found_and_not_where_the_catalogue_is_without_it():
 
 def test_an_effect_that_is_hidden_is_in_no_catalogue():
     effects = asking._effects_of(Path(__file__).resolve().parents[1])
-    told = [
-        subprocess.run(
-            [sys.executable, "-c", asking._CAPTURE, effects, hidden, "effects", "--json"],
-            capture_output=True,
-            text=True,
-        ).stdout
-        for hidden in ("", "payload wind")
-    ]
-    assert [name in text for text in told for name in ("payload", '"wind"', "cogging")] == [
-        *(True, True, True),
-        *(False, False, True),
-    ]
+    text = subprocess.run(
+        [sys.executable, "-c", asking._CAPTURE, effects, "payload wind", "effects", "--json"],
+        capture_output=True,
+        text=True,
+    ).stdout
+    assert {"payload", "wind", "cogging"} <= set(REGISTRY.names())
+    assert [name in text for name in ("payload", '"wind"', "cogging")] == [False, False, True]
 
 
 @pytest.fixture
@@ -139,7 +127,7 @@ def test_an_effect_outside_the_catalogue_can_be_simulated_and_shows(name):
 
 def test_steps_that_are_too_long_are_found(tmp_path, monkeypatch):
     look_among(monkeypatch, "finer-time-step", *BESIDE_STEPS)
-    made = Experiment(MACHINE["arm"], np.random.default_rng(0), episodes=3)
+    made = Experiment(MACHINE["arm"], np.random.default_rng(0), episodes=2)
     effect = REGISTRY.get("finer-time-step")(made.task.model, "quarter")
     made.log(made.outputs([(effect, np.zeros(0))])).write(tmp_path / "log.zarr")
     document = diagnose(MeasuredLog.read(tmp_path / "log.zarr"), made.task, seed=0)
