@@ -18,7 +18,7 @@ capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --ident
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier compass --identifier runs/sysid/air-hockey/capture-refined --identifier cma-es --pairs 12 --seeds 1 --rounds 5 --out runs/evaluation/air-hockey-budget
 
 # Equal data: everything that learns has the same 1,000 histories, three times, with histories of its own.
-equal() { # TASK N NAME:DROPOUT; of dropouts of 0 and 0.1 each has the one that lost less held out (validation_loss of identifier.json; of scooping, in training 1); capture, 0.1
+equal() { # TASK N NAME:DROPOUT; of dropouts of 0 and 0.1 each has the one that lost less held out (validation_loss of identifier.json; of scooping, in training 1); capture of air hockey, 0.1
   case $1 in
     air-hockey) size="--width 64" ;;
     scooping) size="--width 32 --layers 2 --heads 2" ;;
@@ -31,7 +31,7 @@ equal() { # TASK N NAME:DROPOUT; of dropouts of 0 and 0.1 each has the one that 
 equal air-hockey 1 expert-distillation:0.1 expert-distillation-all-rounds:0 tunenet:0.1 tunenet-all-rounds:0.1 capture-trajectory:0.1 capture-refined:0 capture:0.1
 equal air-hockey 2 expert-distillation:0.1 expert-distillation-all-rounds:0 tunenet:0.1 tunenet-all-rounds:0 capture-trajectory:0.1 capture-refined:0
 equal air-hockey 3 expert-distillation:0.1 expert-distillation-all-rounds:0.1 tunenet:0.1 tunenet-all-rounds:0 capture-trajectory:0.1 capture-refined:0
-equal scooping 1 expert-distillation:0 expert-distillation-all-rounds:0 tunenet:0 tunenet-all-rounds:0.1 capture-trajectory:0 capture-refined:0
+equal scooping 1 expert-distillation:0 expert-distillation-all-rounds:0 tunenet:0 tunenet-all-rounds:0.1 capture-trajectory:0 capture-refined:0 capture:0
 equal scooping 2 expert-distillation:0 expert-distillation-all-rounds:0 tunenet:0 tunenet-all-rounds:0.1 capture-trajectory:0 capture-refined:0
 equal scooping 3 expert-distillation:0 expert-distillation-all-rounds:0 tunenet:0 tunenet-all-rounds:0.1 capture-trajectory:0 capture-refined:0
 rows() { # FOLDER
@@ -45,6 +45,7 @@ for task in air-hockey scooping; do for n in 1 2 3; do
   capture eval-sim2sim --task $task --policy runs/policies/$task $(rows $n/$task) --seeds 1 --rounds 10 --out runs/evaluation/$task-equal/$n
 done; done
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier equal/1/air-hockey/capture --identifier equal/1/air-hockey/capture-trajectory --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal-paper
+capture eval-sim2sim --task scooping --policy runs/policies/scooping --identifier domain-randomization --identifier equal/1/scooping/capture --identifier equal/1/scooping/capture-trajectory --out runs/evaluation/scooping-equal-paper
 
 # L and k: three trainings, each from histories of its own; their checkpoints are not shipped.
 train_ablation() { # L NAME OPTIONS

@@ -713,7 +713,9 @@ def measured() -> str:
         for figure in document["figures"]:
             met = {None: "", True: "", False: " **(not met)**"}[figure["met"]]
             indent = "- " * figure["name"].startswith(" ")
-            lines.append(f"| {indent}{figure['name'].strip()} | {_number(figure)} | {_aim(figure)}{met} |")
+            aim = f"{_aim(figure)}{met}"
+            cells = [indent + figure["name"].strip(), _number(figure), *([aim] if aim else [])]
+            lines.append(f"| {' | '.join(cells)} |")
         lines.append("")
     return "\n".join(lines).rstrip()
 
