@@ -9,10 +9,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from new_file import new_file
 
 from capture_cli.errors import OutputError
 from capture_cli.model.tasks import load_task
-from capture_cli.store.output import PROVENANCE, new_directory, new_file, resumable_directory
+from capture_cli.store.output import PROVENANCE, new_directory, resumable_directory
 from capture_cli.store.writer_lock import only_writer
 
 PRECIOUS = "years of work"

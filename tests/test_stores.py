@@ -20,6 +20,7 @@ from episodes_of import episodes_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from new_file import new_file
 from toy_rounds import histories, write
 
 from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier
@@ -35,7 +36,6 @@ from capture_cli.store.histories import Histories
 from capture_cli.store.output import (
     PROVENANCE,
     new_directory,
-    new_file,
     refuse_existing,
     refuse_misnamed,
     resumable_directory,

@@ -39,7 +39,7 @@ from capture_cli.report import training
 from capture_cli.stages import train_sysid as stage
 from capture_cli.stages.train_sysid import train_sysid
 from capture_cli.store.histories import Histories
-from capture_cli.store.output import unfinished
+from capture_cli.store.output import NEW, unfinished
 
 # those that are what was trained, and no more
 LEARNED = [n for n, c in REGISTRY.items() if issubclass(c, LearnedIdentifier) and not c.simulates]
@@ -223,7 +223,10 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(small, tmp_path, monkeypat
     train_sysid(out=resumed, resume=True, **options)
     for file in FILES:
         assert (whole / file).read_bytes() == (resumed / file).read_bytes()
-    assert not any((resumed / name).exists() for name in stage.OF_STATE) and not unfinished(resumed).exists()
+    assert (
+        not any((resumed / name).exists() for name in (stage.STATE, f"{stage.STATE}{NEW}"))
+        and not unfinished(resumed).exists()
+    )
     # one that is complete is read
     document = json.loads((resumed / "identifier.json").read_text())
     assert train_sysid(out=resumed, resume=True, **options) == document

@@ -21,7 +21,7 @@ def propose(options: ProposeOptions) -> None:
     from capture_cli.common.json_text import json_text
     from capture_cli.stages.propose import proposal_csv
     from capture_cli.stages.propose import propose as stage
-    from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_misnamed
+    from capture_cli.store.output import refuse_existing, refuse_misnamed, write_texts
     from capture_cli.store.proposal import ProposalRecord
 
     out, csv, force = options.out, options.csv, options.force
@@ -36,9 +36,7 @@ def propose(options: ProposeOptions) -> None:
     if out is not None:
         texts.append((out, json_text(document) + "\n"))
     if texts:
-        with new_outputs(*(New(path) for path, _ in texts), force=force) as files:
-            for file, (_, text) in zip(files, texts, strict=True):
-                file.write_text(text, encoding="utf-8")
+        write_texts(texts, force=force)
     if out is None:
         print_json(document)
     proposal = ProposalRecord.of(document)

@@ -64,10 +64,6 @@ def white_sd(name: str, sizes: np.ndarray) -> np.ndarray:
     return sizes * SETTINGS.scale_spread / math.sqrt(3) if _find(name) is _scale else np.zeros_like(sizes)
 
 
-def _none(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.ndarray:
-    return measured.copy()
-
-
 def _label(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.ndarray:
     """Every third label is drawn from -1, 0, 1."""
     number = first_round + np.arange(measured.shape[1])
@@ -84,7 +80,7 @@ def _scale(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.nd
 
 
 NOISES: dict[str, Callable[[np.ndarray, np.ndarray, int], np.ndarray]] = {
-    "none": _none,
+    "none": lambda measured, _uniform, _first_round: measured.copy(),
     "label": _label,
     "scale": _scale,
 }

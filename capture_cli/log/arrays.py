@@ -9,6 +9,12 @@ from typing import Any
 import numpy as np
 
 
+def slices_until(ends: Sequence[int]) -> list[slice]:
+    """The steps of each episode, of those that end before `ends` (episode,)."""
+    ends = [int(e) for e in ends]
+    return [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
+
+
 @dataclass(frozen=True)
 class Log:
     """SI units. time (step,); outputs (step, output); episodes: the steps of each; inputs (step, input): none by

@@ -16,7 +16,7 @@ import numpy as np
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.frozen import frozen
 from capture_cli.errors import LogError, StoreError
-from capture_cli.log.arrays import Log
+from capture_cli.log.arrays import Log, slices_until
 from capture_cli.store.document_shape import FLAG, NAME, NUMBER, TEXT, WHOLE, Kind, check_shape, or_none
 from capture_cli.store.schema import ArraySpec, Schema
 
@@ -144,8 +144,7 @@ class MeasuredLog:
     @property
     def episodes(self) -> list[slice]:
         """The steps of each episode."""
-        ends = [int(e) for e in self.episode_ends]
-        return [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
+        return slices_until(self.episode_ends)
 
     @property
     def longest(self) -> float:

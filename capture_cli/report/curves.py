@@ -131,17 +131,13 @@ class Curves:
         time = self.time[own]
         steps = np.concatenate([np.diff(time[s]) for s in slices])
         interval = float(np.median(steps)) if steps.size else 0.0
-        return Samples(self.residual[own, k], self.step_is_test[own], slices, interval)
+        is_test = np.repeat(self.is_test, [s.stop - s.start for s in self.slices])
+        return Samples(self.residual[own, k], is_test[own], slices, interval)
 
     @property
     def is_test(self) -> np.ndarray:
         """Which windows were held out, (window,)."""
         return self.part == self.parts.index(HELD_OUT)
-
-    @cached_property
-    def step_is_test(self) -> np.ndarray:
-        """(step,): True where the step's window was held out."""
-        return np.repeat(self.is_test, [s.stop - s.start for s in self.slices])
 
     def spans(self, mask: np.ndarray) -> list[tuple[float, float]]:
         """From where to where, on x, the windows of `mask` (window,) reach; neighbours are joined."""

@@ -118,15 +118,7 @@ def changes(diagnosis: Diagnosis) -> list[Change]:
 def moved(record: DiagnosisRecord) -> list[Moved]:
     """The declared parameters that moved when the effects came in, farthest first."""
     rows = [
-        Moved(
-            name=name,
-            unit=row["unit"],
-            before=row["before"],
-            after=row["after"],
-            sd=record.parameters[name]["sd"],
-            shift_in_sd=row["shift_in_sd"],
-        )
-        for name, row in record.absorbed.items()
+        Moved(name=name, sd=record.parameters[name]["sd"], **row) for name, row in record.absorbed.items()
     ]
     return sorted(rows, key=lambda row: -abs(row.shift_in_sd))
 
@@ -180,7 +172,9 @@ def summary(record: DiagnosisRecord) -> str:
         size = f"the {where} error is {significant(last)} times the noise floor{_of_one(left)}"
         if record.out_of_time:
             return f"In the time given no effect was found: {size}.{stamps}"
-        return f"None of these: {size}, and no effect of the catalogue explains it.{_with_formula(record)}{stamps}"
+        error = expression_error(record)
+        formula = f" With a formula of the missing force it is {error}." if error else ""
+        return f"None of these: {size}, and no effect of the catalogue explains it.{formula}{stamps}"
     tied = [f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "" for e in effects]
     found = _found(record, [f"{placed(e)}{rivals}" for e, rivals in zip(effects, tied, strict=True)])
     if _fits_alone(record):
@@ -195,12 +189,6 @@ def summary(record: DiagnosisRecord) -> str:
         text += f" What is left{on} is still {significant(size)} times the noise floor{_of_one(left)}"
         text += f".{stamps}" if stamps else ": this is not all."
     return text
-
-
-def _with_formula(record: DiagnosisRecord) -> str:
-    """What a formula of the missing force makes of the error; "" where there is none."""
-    error = expression_error(record)
-    return f" With a formula of the missing force it is {error}." if error else ""
 
 
 def _of_one(left: Mapping[str, Any]) -> str:
@@ -316,7 +304,10 @@ def next_experiment(record: DiagnosisRecord) -> str:
 
 def _change(record: DiagnosisRecord, name: str, unit: str) -> Change:
     first, last = record.stages[0], record.stages[-1]
-    before, after = ({part: _rmse(stage, part, name) for part in PARTS} for stage in (first, last))
+    before, after = (
+        {part: stage[part]["rmse"].get(name) if stage[part] else None for part in PARTS}
+        for stage in (first, last)
+    )
     part = best_part(record)
     shown, floor = after[part], record.noise_floor[name]
     factor, label = scaled_unit(unit, shown or floor)
@@ -333,10 +324,6 @@ def _change(record: DiagnosisRecord, name: str, unit: str) -> Change:
         over=shown / floor if floor and shown is not None else None,
         over_before=before[part] / floor if floor and shown is not None else None,
     )
-
-
-def _rmse(stage: Mapping[str, Any], part: str, name: str) -> float | None:
-    return stage[part]["rmse"].get(name) if stage[part] else None
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
     """The page as HTML. provenance: the record of provenance.json, or None where it is not known."""
     record, curves = diagnosis.record, Curves.of(diagnosis)
     plots, outputs = _plots(diagnosis, curves), diagnosis.attributes["outputs"]
-    # Outputs past these are folded: a page of thirty sensors must still open at once.
-    open_outputs = 3
+    open_outputs = 3  # those past them are folded: a page of thirty sensors must still open at once
     return page(
         "diagnosis_page.html",
         plots=plots,

@@ -32,7 +32,10 @@ LEGEND = {"orientation": "h", "x": 0, "y": 1.02, "xanchor": "left", "yanchor": "
 def stages(diagnosis: Diagnosis) -> Plot:
     """Error of each model, on each part of the log, and the noise floor."""
     found = stage_errors(diagnosis)
-    data = [_bars(found, part) for part in found.errors]
+    data = []
+    for part, errors in found.errors.items():
+        text = [with_unit(significant(v), found.unit) for v in errors]
+        data.append(_bar(PARTS[part], COLORS[part], found.names, errors, text, offsetgroup=part))
     if found.floor:
         bar = ("noise floor", "--floor", ["noise floor"], [found.floor], [found.floor_text])
         middle = list(found.errors)[len(found.errors) // 2]
@@ -174,11 +177,6 @@ def acceleration_unit(unit: str) -> str:
 def curve_title(curve: Mapping[str, Any]) -> str:
     """What the residual is drawn against, and how much of it that accounts for."""
     return f"{curve['against']} accounts for {100 * curve['share']:.0f} %"
-
-
-def _bars(found: StageErrors, part: str) -> Plot:
-    text = [with_unit(significant(v), found.unit) for v in found.errors[part]]
-    return _bar(PARTS[part], COLORS[part], found.names, found.errors[part], text, offsetgroup=part)
 
 
 def _bar(name: str, color: str, names: list[str], values: list[float], text: list[str], **more) -> Plot:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import counted, significant
 from capture_cli.report import curve_plots, findings, parameter_plots
 from capture_cli.report.curves import Curves
@@ -14,16 +13,11 @@ from capture_cli.report.prediction import predictions
 from capture_cli.store.estimate import Estimate, EstimateRecord
 
 
-@frozen
-class SETTINGS:
-    # Outputs past these are folded: a page of thirty sensors must still open at once.
-    open_outputs: int = 4
-
-
 def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
     """The page as HTML. provenance: the record of provenance.json, or None where it is not known."""
     curves, record = Curves.of(estimate), estimate.record
     plots = _plots(estimate, curves)
+    open_outputs = 4  # those past them are folded: a page of thirty sensors must still open at once
     return page(
         "estimate_page.html",
         plots=plots,
@@ -38,7 +32,7 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
         errors=findings.output_errors(estimate),
         predictions=predictions(record, estimate.attributes["outputs"]),
         outputs=estimate.attributes["outputs"],
-        open_outputs=SETTINGS.open_outputs,
+        open_outputs=open_outputs,
         views=len(curves.slices),
         facts=_facts(record),
     )

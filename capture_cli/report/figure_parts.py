@@ -193,7 +193,9 @@ def finish(figure: Figure, axes: np.ndarray, curves: Curves, handles: list) -> F
     last = axes.ravel()[-1]
     last.set_xlabel(curves.x_title)
     last.set_xlim(curves.x.min(), curves.x.max())
-    legend(figure, [*handles, *part_patches(curves)])
+    shaded = {part: PALETTE[s] for part, s in SHADES.items() if windows_of(curves, part).any()}
+    patches = [Patch(color=color, alpha=0.15, lw=0, label=part) for part, color in shaded.items()]
+    legend(figure, [*handles, *patches])
     return figure
 
 
@@ -231,12 +233,6 @@ def shade_parts(axis: Axes, curves: Curves) -> None:
     for part, shade in SHADES.items():
         for a, b in curves.spans(windows_of(curves, part)):
             axis.axvspan(a, b, color=PALETTE[shade], alpha=0.09, lw=0)
-
-
-def part_patches(curves: Curves) -> list[Patch]:
-    """The legend's handles of `shade_parts`."""
-    shown = {part: shade for part, shade in SHADES.items() if windows_of(curves, part).any()}
-    return [Patch(color=PALETTE[shade], alpha=0.15, lw=0, label=part) for part, shade in shown.items()]
 
 
 def margins(values: np.ndarray) -> tuple[float, float]:

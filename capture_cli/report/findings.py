@@ -90,12 +90,10 @@ def not_alike(record: Record) -> str:
 
 def output_errors(estimate: Estimate) -> list[OutputError]:
     """A row per output, in the order of the log."""
-    record = estimate.record
-    sources = record.noise_floor_source
     nominal = _nominal_rmse(estimate)
     return [
-        _output_error(record, o["name"], o["unit"], nominal[k], sources[o["name"]])
-        for k, o in enumerate(estimate.attributes["outputs"])
+        _output_error(estimate.record, o["name"], o["unit"], own)
+        for o, own in zip(estimate.attributes["outputs"], nominal, strict=True)
     ]
 
 
@@ -274,10 +272,8 @@ def correlation(estimate: Estimate) -> np.ndarray | None:
     return np.array(estimate.record.correlation, dtype=float)
 
 
-def _output_error(
-    record: EstimateRecord, name: str, unit: str, nominal: float | None, source: str
-) -> OutputError:
-    rmse = {part: ((record.error.get(part) or {}).get("rmse") or {}).get(name) for part in ("fit", "test")}
+def _output_error(record: EstimateRecord, name: str, unit: str, nominal: float | None) -> OutputError:
+    rmse = {part: (record.error[part] or {"rmse": {}})["rmse"].get(name) for part in ("fit", "test")}
     floor = record.noise_floor[name]
     shown = rmse["test"] if rmse["test"] is not None else rmse["fit"]
     factor, label = scaled_unit(unit, shown or floor)
@@ -292,7 +288,7 @@ def _output_error(
         test=_times(rmse["test"], factor),
         floor=_times(floor, floor_factor),
         floor_unit=floor_label,
-        floor_source=source,
+        floor_source=record.noise_floor_source[name],
         ratio=shown / floor if floor and shown is not None else None,
     )
 

@@ -22,17 +22,13 @@ def result_tables(seen: Inspection) -> Iterator[Rows]:
 
 
 def _fit(result: Mapping[str, Any]) -> Iterator[Rows]:
-    parameters = result.get("parameters", {})
-    yield ["parameter", "value", "sd"], [[name, *_value(p)] for name, p in parameters.items()]
-    yield (
-        ["effect", "parameter", "value", "sd"],
-        [row for e in result.get("effects", []) for row in _effect(e)],
-    )
-    yield ["verdict"], [[result["verdict"]]] if "verdict" in result else []
+    yield ["parameter", "value", "sd"], [[name, *_value(p)] for name, p in result["parameters"].items()]
+    yield ["effect", "parameter", "value", "sd"], [row for e in result["effects"] for row in _effect(e)]
+    yield ["verdict"], [[result["verdict"]]]
 
 
 def _effect(effect: Mapping[str, Any]) -> list[list[str]]:
-    placed = placed_name(effect["name"], effect.get("site", ""))
+    placed = placed_name(effect["name"], effect["site"])
     if not effect["parameters"]:
         return [[placed, MISSING, MISSING, MISSING]]
     return [[placed, name, *_value(p)] for name, p in effect["parameters"].items()]
@@ -131,11 +127,8 @@ def _proposal(result: Mapping[str, Any]) -> Iterator[Rows]:
 
 def _unfinished(result: Mapping[str, Any]) -> Iterator[Rows]:
     last: Mapping[str, Any] = result.get("last_evaluation", {})
-    yield ["last evaluation", ""], [[name.replace("_", " "), _figure(value)] for name, value in last.items()]
-
-
-def _figure(value: float) -> str:
-    return str(value) if isinstance(value, int) else significant(value, 4)
+    told = {name: str(v) if isinstance(v, int) else significant(v, 4) for name, v in last.items()}
+    yield ["last evaluation", ""], [[name.replace("_", " "), value] for name, value in told.items()]
 
 
 def _share(share: float | None) -> str:

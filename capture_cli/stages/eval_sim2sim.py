@@ -21,12 +21,14 @@ def eval_sim2sim(options: EvalSim2SimOptions) -> dict[str, Any]:
         if options.cells:
             raise OptionError("--cell without --suite", cure="give --suite paper, or leave it out")
         return evaluate(options).document
-    noise = "" if options.noise == "none" else f"--noise {options.noise}"
-    own = "--effect" if options.effects else "--known-noise" if options.known_noise else noise
-    if options.histories is not None:
-        own = "--histories"
-    if options.world != "plant" or options.robot is not None:
-        own = "--world"
-    if own:
-        raise OptionError(f"{own} with --suite", cure="leave it out: a suite has its own")
+    of_suites = {
+        "--world": options.world != "plant" or options.robot is not None,
+        "--histories": options.histories is not None,
+        "--effect": options.effects,
+        "--known-noise": options.known_noise,
+        f"--noise {options.noise}": options.noise != "none",
+    }
+    for option, given in of_suites.items():
+        if given:
+            raise OptionError(f"{option} with --suite", cure="leave it out: a suite has its own")
     return evaluate_suite(options)

@@ -17,7 +17,7 @@ from capture_cli.model.mjcf.mjcf_writer import to_mjcf
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.stages.recorded.found_model import FoundModel
 from capture_cli.stages.recorded.recorded_task import task_inputs
-from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed
+from capture_cli.store.output import refuse_existing, refuse_inputs, refuse_misnamed, write_texts
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,10 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     if stale:
         refuse_existing(module_path, force=force)
     header = _header(found, model.command, machine.space, values, effects, companion)
-    texts = {out: to_mjcf(machine.model_path, fields, out, header)}
+    texts = [(out, to_mjcf(machine.model_path, fields, out, header))]
     if companion:
-        texts[companion] = companion_module(out.name, machine.name, beside, _substeps(effects))
-    outdated = [module_path] if stale else []
-    with new_outputs(*map(New, texts), force=force, outdated=outdated) as files:
-        for file, text in zip(files, texts.values(), strict=True):
-            file.write_text(text, encoding="utf-8")
+        texts.append((companion, companion_module(out.name, machine.name, beside, _substeps(effects))))
+    write_texts(texts, force=force, outdated=[module_path] if stale else [])
     return Exported(out, companion, tuple(beside), found["verdict"], found.get("summary", ""))
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import shlex
 import threading
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -68,7 +67,8 @@ def identify(options: IdentifyOptions) -> Estimate:
         prepared = to_fit.prepared()
         if earlier is not None:
             prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
-        _import_meanwhile(NEEDED_LAST)
+        # slow to import and needed last: while the simulator steps, the interpreter is free
+        threading.Thread(target=lambda: [*map(importlib.import_module, NEEDED_LAST)], daemon=True).start()
         search = _Search(prepared, chosen, progress, options, earlier)
         found = search.run()
         progress.of(_step(5), "errors and intervals")
@@ -219,11 +219,6 @@ def _lacks(record: EstimateRecord) -> bool:
     """Whether the model lacks something: not where the search was cut short, or time-stamp jitter explains it all."""
     lacking = record.verdict == "unexplained" and not is_fit_explained(record)
     return lacking and not (record.cut_short or jitter_share(record) == 1)
-
-
-def _import_meanwhile(modules: Sequence[str]) -> None:
-    """Import in a thread what is slow to import and needed last: while the simulator steps, the interpreter is free."""
-    threading.Thread(target=lambda: [importlib.import_module(m) for m in modules], daemon=True).start()
 
 
 def _write_pages(estimate: Estimate, folder: Path, provenance: Provenance) -> None:

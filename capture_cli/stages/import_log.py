@@ -16,6 +16,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import with_unit
 from capture_cli.errors import LogError
 from capture_cli.estimate.log_requirements import check_fits
+from capture_cli.log.arrays import slices_until
 from capture_cli.log.checks.equal_episodes import refuse_repeated
 from capture_cli.log.checks.even_times import with_even_times
 from capture_cli.log.checks.held_outputs import without_repeats
@@ -149,7 +150,7 @@ def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLo
             f"{source.path}: not one of its {dropped} rows is complete",
             cure="correct the file, or leave it out",
         )
-    ends = _episode_ends(labels)
+    ends = np.append(np.flatnonzero(labels[1:] != labels[:-1]) + 1, len(labels))
     _check_episodes(source, data, ends, rows, task)
     if actions is not None:
         _check_one_action_each(source, actions, ends, rows, task)
@@ -158,8 +159,7 @@ def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLo
     offset = np.array([0.0, *(c.offset for c in channels)])
     with np.errstate(over="ignore"):
         data = data * scale + offset
-    _check_finite_in_si(source, data, columns, rows)
-    _check_measurable(source, data, ["s", *(c.unit for c in channels)], columns, rows)
+    _check_in_si(source, data, columns, ["s", *(c.unit for c in channels)], rows)
     described = {
         "name": name,
         "source": str(source.path),
@@ -260,8 +260,7 @@ def _cure_of_missing(columns: Sequence[str], missing: np.ndarray, task: Task) ->
     said = []
     slow = [name for name in rare if name in {c.column for c in task.outputs}]
     if slow:
-        tables = ", ".join(f"[outputs.{name}]" for name in _tables_of(slow, task))
-        keep = f"write sparse = true under {tables}" if tables else "take its output out of the task"
+        keep = _as_sparse(slow, task) or "take its output out of the task"
         said.append(f"{_counted(slow, counts)}: if that is a sensor slower than the others, {keep}")
     driven = [name for name in rare if name in {c.column for c in task.inputs}]
     if driven:
@@ -273,9 +272,8 @@ def _cure_of_missing(columns: Sequence[str], missing: np.ndarray, task: Task) ->
 
 def _cure_of_lost(columns: Sequence[str], task: Task) -> str:
     """What to do about a few missing values of `columns`."""
-    tables = _tables_of(columns, task)
-    if tables and set(columns) <= {c.column for c in task.outputs}:
-        keep = f"write sparse = true under {', '.join(f'[outputs.{name}]' for name in tables)}"
+    keep = _as_sparse(columns, task)
+    if keep and set(columns) <= {c.column for c in task.outputs}:
         return f"{keep}, which keeps what drove the machine in such rows; or add --drop-nan to leave them out"
     return (
         "add --drop-nan to leave such rows out, with what drove the machine in them; or fill them in the file"
@@ -286,11 +284,12 @@ def _counted(names: Sequence[str], counts: dict[str, int]) -> str:
     return ", ".join(f"{name!r} ({counts[name]} rows)" for name in names)
 
 
-def _tables_of(columns: Sequence[str], task: Task) -> list[str]:
-    """The sensors that read `columns`, as a task.toml names them; none where the task is built in."""
-    if task.path is None:
-        return []
-    return list(dict.fromkeys(task.model.sensor(c.sensor).name for c in task.outputs if c.column in columns))
+def _as_sparse(columns: Sequence[str], task: Task) -> str:
+    """What to write into the task.toml so that `columns` may miss values; "" where it is built in, or reads none."""
+    sensors = dict.fromkeys(task.model.sensor(c.sensor).name for c in task.outputs if c.column in columns)
+    if task.path is None or not sensors:
+        return ""
+    return f"write sparse = true under {', '.join(f'[outputs.{name}]' for name in sensors)}"
 
 
 def _repeats(data: np.ndarray, labels: np.ndarray) -> np.ndarray:
@@ -310,10 +309,6 @@ def _labels(source: SourceFile, rows: int, task: Task) -> np.ndarray:
     if task.log.episode is None:
         return np.zeros(rows, dtype=object)
     return np.array(source.labels(task.log.episode), dtype=object)
-
-
-def _episode_ends(labels: np.ndarray) -> np.ndarray:
-    return np.append(np.flatnonzero(labels[1:] != labels[:-1]) + 1, len(labels))
 
 
 def _check_episodes(
@@ -361,8 +356,8 @@ def _unwrap(data: np.ndarray, ends: np.ndarray, task: Task) -> None:
     """Make outputs that begin anew after a period go on, in each episode of data (step, column)."""
     for k, channel in enumerate(task.outputs, start=1 + len(task.inputs)):
         if channel.period is not None:
-            for begin, end in zip([0, *ends[:-1]], ends, strict=True):
-                steps = begin + np.flatnonzero(~np.isnan(data[begin:end, k]))
+            for episode in slices_until(ends):
+                steps = episode.start + np.flatnonzero(~np.isnan(data[episode, k]))
                 # by whole periods: an encoder's steps stay where they are
                 turns = np.unwrap(data[steps, k], period=channel.period) - data[steps, k]
                 data[steps, k] += channel.period * np.rint(turns / channel.period)
@@ -433,23 +428,19 @@ def _written(time: float) -> str:
     return f"{time:.0f}" if time.is_integer() and abs(time) >= SETTINGS.largest_plain else repr(time)
 
 
-def _check_finite_in_si(
-    source: SourceFile, data: np.ndarray, columns: Sequence[str], rows: np.ndarray
+def _check_in_si(
+    source: SourceFile, data: np.ndarray, columns: Sequence[str], units: Sequence[str], rows: np.ndarray
 ) -> None:
+    """Raise LogError where one of data (step, column) overflows, or is too large to be measured; the first column is
+    the time.
+    """
     bad = np.argwhere(np.isinf(data))
     if bad.size:
         row, k = bad[0]
-        where = source.place(rows[row])
         raise LogError(
-            f"{source.path}: scale * column + offset overflows for {columns[k]!r} at {where}",
+            f"{source.path}: scale * column + offset overflows for {columns[k]!r} at {source.place(rows[row])}",
             cure="correct the value, or scale and offset in the task.toml",
         )
-
-
-def _check_measurable(
-    source: SourceFile, data: np.ndarray, units: Sequence[str], columns: Sequence[str], rows: np.ndarray
-) -> None:
-    """Raise LogError where one of data (step, column) is too large to be measured; the first column is the time."""
     huge = np.argwhere(np.abs(data[:, 1:]) > DOCUMENTS.largest)
     if not huge.size:
         return

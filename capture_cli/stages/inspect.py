@@ -160,7 +160,8 @@ def _inspect_log(path: Path, seen: Inspection, machine: Task | None, max_log_siz
     recordings = [_recording(log, number, episodes) for number in range(len(log.recordings))]
     seen.episodes, seen.recordings = episodes, recordings
     seen.channels = _channels(log, _smooth_ends(machine))
-    seen.time_scatter = _jitter(log)
+    uneven = jitter(log)
+    seen.time_scatter = None if uneven is None else asdict(uneven)
     findings += [*_not_finite(log.time), *_import_findings(recordings), *_repeated(log)]
     findings += log_findings(seen, machine)
     if machine is not None:
@@ -318,29 +319,16 @@ def _channels(log: MeasuredLog, smooth: Mapping[str, Collection[str]]) -> list[d
             values, time, episodes = values[steps], time[steps], slices_within(steps, episodes)
             described["sampling"] = sampling(time, episodes)
         described |= channel(values, episodes)
+        rows = rows_per_sample(values, episodes)
         own = {
             "quantisation": quantisation(values),
             "spikes": spikes(values, time, episodes, smooth.get(name, ())),
-            "held": _held(values, time, episodes),
+            "held": None if rows is None else {"rows": rows, "rate": sample_rate(time, episodes, rows)},
         }
         for places in (described["bad_steps"], own["spikes"]["first"]):
             places[:] = steps[places].tolist()  # of the log
         channels.append({**described, **own})
     return channels
-
-
-def _jitter(log: MeasuredLog) -> dict[str, Any] | None:
-    """Time-stamp jitter about even times at which outputs are smoother; None where there is none."""
-    found = jitter(log)
-    return None if found is None else asdict(found)
-
-
-def _held(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> dict[str, float | None] | None:
-    """For how many rows an output (step,) repeats each sample until the next, and the samples' rate, Hz; None where it
-    does not.
-    """
-    rows = rows_per_sample(values, episodes)
-    return None if rows is None else {"rows": rows, "rate": sample_rate(time, episodes, rows)}
 
 
 # --- other stores ---

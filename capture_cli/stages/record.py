@@ -15,7 +15,7 @@ from capture_cli.context.observation_noise import standard_deviations
 from capture_cli.context.worlds.world import PLANT, World, check_world
 from capture_cli.context.worlds.world import SETTINGS as WORLD
 from capture_cli.errors import FitError, OptionError
-from capture_cli.log.arrays import Log
+from capture_cli.log.arrays import Log, slices_until
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import cut
 from capture_cli.model.tasks.base import ActionTask, Task
@@ -187,9 +187,9 @@ def _in_scene(world: World, point: np.ndarray, driven: Drive) -> tuple[Drive, np
 def _simulate(simulator: Simulator, driven: Drive, point: np.ndarray) -> np.ndarray:
     """Outputs (step, output) at the task's and the effects' parameters `point`. Raises FitError where one diverges."""
     machine = simulator.task
-    episodes = [slice(a, b) for a, b in zip([0, *driven.ends[:-1]], driven.ends, strict=True)]
     time = driven.time - driven.time[0]  # the inputs may be those of a log
-    samples = Log(time, np.zeros((len(time), len(machine.outputs))), episodes, driven.inputs)
+    nothing = np.zeros((len(time), len(machine.outputs)))
+    samples = Log(time, nothing, slices_until(driven.ends), driven.inputs)
     windows = cut(samples, None, machine.timestep, machine.holds, has_gaps=False)
     try:
         initial = replace(driven.initial, time=windows.time)

@@ -19,11 +19,11 @@ from capture_cli.errors import FitError, StoreError
 from capture_cli.estimate.checkpoint import Checkpoint, Values
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.store.document_shape import OBJECT, check_shape
-from capture_cli.store.output import resumable_directory
+from capture_cli.store.output import renewed, resumable_directory
 from capture_cli.store.provenance import write_json
 from capture_cli.store.tensors import read_arrays, save_arrays
 
-STEPS, RECIPE, NEW_RECIPE = "steps", "steps.json", "steps.json.new"  # of a run that is not complete
+STEPS, RECIPE = "steps", "steps.json"  # of a run that is not complete
 
 
 @frozen
@@ -66,9 +66,8 @@ class StepFiles(Checkpoint):
         others = json.dumps({n: v for n, v in values.items() if n not in arrays})
         self._room -= sum(v.nbytes for v in arrays.values())
         if self._room >= 0:
-            beside = path.with_suffix(".new")
-            save_arrays(beside, arrays, {"others": others})
-            beside.replace(path)
+            with renewed(path) as file:
+                save_arrays(file, arrays, {"others": others})
         return {**arrays, **json.loads(others)}
 
 
@@ -97,9 +96,8 @@ def unfinished_diagnosis(
     made: the provenance of this run. Raises OptionError where the folder is of a run with another recipe, otherwise as
     `resumable_directory`.
     """
-    scaffold = (STEPS, RECIPE, NEW_RECIPE)
     with resumable_directory(
-        options.out, kept=_kept, scaffold=scaffold, force=options.force, resume=options.resume
+        options.out, kept=_kept, scaffold=(STEPS, RECIPE), force=options.force, resume=options.resume
     ) as folder:
         steps = StepFiles(folder / STEPS)
         _begin(
@@ -124,10 +122,10 @@ def recipe_of(made: Mapping[str, Any], options: Sequence[str] = OPTIONS) -> dict
 
 def _begin(folder: Path, recipe: Mapping[str, Any]) -> None:
     """Write the recipe of the run, or check that the recipe of an earlier run is the same."""
-    path, beside = folder / RECIPE, folder / NEW_RECIPE
+    path = folder / RECIPE
     (folder / STEPS).mkdir(exist_ok=True)
     if path.is_file():
         check_recipe(read_json(path, StoreError, cure="begin anew with --force"), recipe)
     else:
-        write_json(beside, recipe)
-        beside.replace(path)  # whole or not at all: a run that is killed goes on
+        with renewed(path) as file:
+            write_json(file, recipe)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.policy_checkpoint import read_policy, save_policy
 from capture_cli.context.checkpoints.training_state import (
-    OF_STATE,
+    STATE,
     check_recipe,
     kept,
     load_state,
@@ -64,12 +64,10 @@ def train_policy(options: TrainPolicyOptions) -> dict[str, Any]:
         why="a policy is trained for all values of the parameters",
     )
     machine = _trainable(asked.task)
-    given = {f.name: getattr(options, f.name) for f in fields(TrainingSettings) if f.name != "device"}
-    settings = TrainingSettings(**given)
-    if settings.entropy is None:
-        settings = replace(settings, entropy=machine.entropy)
     kind = _trained(options.policy)
-    settings = replace(settings, device=torch_device(options.device, threads=1))
+    given = {f.name: getattr(options, f.name) for f in fields(TrainingSettings)}
+    given["entropy"] = machine.entropy if options.entropy is None else options.entropy
+    settings = TrainingSettings(**{**given, "device": torch_device(options.device, threads=1)})
     made = {
         "policy": options.policy,
         "task": machine.name,
@@ -91,9 +89,9 @@ def train_policy(options: TrainPolicyOptions) -> dict[str, Any]:
         recipe["reward"] = asdict(machine.aim)
     trainer = kind.trainer(simulator, settings, asked.effects)
     run = _Run(trainer, simulator, asked.effects, options.evaluations)
-    if resume:
-        run.restore(unfinished(out), recipe)
-    with resumable_directory(out, kept=kept, scaffold=OF_STATE, force=options.force, resume=resume) as folder:
+    if resume and (state := load_state(unfinished(out), recipe)) is not None:
+        run.restore(*state)
+    with resumable_directory(out, kept=kept, scaffold=[STATE], force=options.force, resume=resume) as folder:
         run.train(folder, recipe, options.quiet)
         document = run.finish(options.policy, folder)
         provenance.write(folder)
@@ -174,13 +172,10 @@ class _Run:
         self.every = max(1, batches // evaluations)  # batches
         self.metrics: list[dict[str, Any]] = []
 
-    def restore(self, folder: Path, recipe: Mapping[str, Any]) -> None:
-        """Go on from what is in `folder`, where there is something."""
-        state = load_state(folder, recipe)
-        if state is not None:
-            counters, arrays = state
-            self.metrics = counters["metrics"]
-            self.trainer.restore(counters["trainer"], arrays)
+    def restore(self, counters: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+        """Go on from a state that was saved."""
+        self.metrics = counters["metrics"]
+        self.trainer.restore(counters["trainer"], arrays)
 
     def train(self, folder: Path, recipe: Mapping[str, Any], quiet: bool) -> None:
         """Train to the end; metrics, and a state to go on from, are written into `folder` at every evaluation."""

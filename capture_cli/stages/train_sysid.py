@@ -13,7 +13,7 @@ from capture_cli.common.extras import require
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.identifier_checkpoint import read_document, save_identifier
 from capture_cli.context.checkpoints.training_state import (
-    OF_STATE,
+    STATE,
     check_recipe,
     kept,
     load_state,
@@ -89,7 +89,7 @@ def train_sysid(options: TrainSysidOptions) -> dict[str, Any]:
     state = load_state(unfinished(out), recipe_here) if resume else None
     if state is not None:
         trainer.restore(*state)
-    with resumable_directory(out, kept=kept, scaffold=OF_STATE, force=options.force, resume=resume) as folder:
+    with resumable_directory(out, kept=kept, scaffold=[STATE], force=options.force, resume=resume) as folder:
         _train(trainer, folder, recipe_here, options.quiet)
         document = _finish(trainer, recipe, folder)
         provenance.write(folder)

@@ -37,11 +37,6 @@ SHAPE = {  # of what is read of evaluation.json
 }
 
 
-def _without_effects(found: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A document or attributes as of version 2: of the first no machine had effects."""
-    return {**found, "effects": []}
-
-
 def _named_by_its_tokens(found: Mapping[str, Any]) -> Mapping[str, Any]:
     """A document or attributes as of version 3: before, `capture` was the name of both networks."""
     rows = found.get("identifiers")
@@ -67,12 +62,11 @@ def _by_trajectory(label: str, row: Any) -> tuple[str, Any]:
     return f"{BY_TRAJECTORY}{label.removeprefix('capture')}", {**row, "identifier": BY_TRAJECTORY}
 
 
-def _in_the_plant(found: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A document or attributes as of version 4: of the first no machine was played in another world."""
-    return {**found, "world": "plant", "robot": None}
-
-
-EARLIER = {1: _without_effects, 2: _named_by_its_tokens, 3: _in_the_plant}
+EARLIER = {  # of a document or of attributes; before, no machine had effects, nor was one played in another world
+    1: lambda found: {**found, "effects": []},
+    2: _named_by_its_tokens,
+    3: lambda found: {**found, "world": "plant", "robot": None},
+}
 
 _AXES = "identifier seed pair round"
 

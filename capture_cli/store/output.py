@@ -27,6 +27,7 @@ from capture_cli.store.writer_lock import only_writer
 PARTIAL = ".partial-"
 REPLACED = ".replaced-"
 UNFINISHED = ".unfinished"
+NEW = ".new"
 PROVENANCE = "provenance.json"
 
 
@@ -115,11 +116,13 @@ def new_directory(path: Path, *, force: bool = False) -> Iterator[Path]:
         yield partial
 
 
-@contextmanager
-def new_file(path: Path, *, force: bool = False) -> Iterator[Path]:
-    """A file to write that becomes `path`, as `new_outputs` has it."""
-    with new_outputs(New(path), force=force) as (partial,):
-        yield partial
+def write_texts(
+    texts: Sequence[tuple[Path, str]], *, force: bool = False, outdated: Sequence[Path] = ()
+) -> None:
+    """Write each text to its path, all of them or none, as `new_outputs` has it."""
+    with new_outputs(*(New(path) for path, _ in texts), force=force, outdated=outdated) as files:
+        for file, (_, text) in zip(files, texts, strict=True):
+            file.write_text(text, encoding="utf-8")
 
 
 @contextmanager
@@ -135,8 +138,9 @@ def resumable_directory(
 
     The folder yielded, `.NAME.unfinished`, is empty or, with `resume`, what an earlier run left. kept: of what is in
     it, what can be gone on with, as a sentence without its full stop; "" where nothing can, and then nothing stays.
-    scaffold: names in it that are not of the output. Raises OutputError where there is such a folder and neither
-    `resume` nor `force` is given, or another process is at it; Interrupted where something is kept.
+    scaffold: names in it that are not of the output, nor are those with NEW after them. Raises OutputError where there
+    is such a folder and neither `resume` nor `force` is given, or another process is at it; Interrupted where something
+    is kept.
     """
     path = _checked(New(path, is_folder=True), force=force).path
     partial = unfinished(path)
@@ -151,6 +155,7 @@ def resumable_directory(
                 with uninterrupted():
                     for name in scaffold:
                         _remove(partial / name)
+                        _remove(partial / f"{name}{NEW}")
                     _move_into_place(partial, path)
             except BaseException as error:
                 with uninterrupted():
@@ -161,6 +166,14 @@ def resumable_directory(
                 raise said from error
     except OSError as error:
         raise _as_output_error(error, path) from error
+
+
+@contextmanager
+def renewed(path: Path) -> Iterator[Path]:
+    """Where to write what takes the place of `path`, whole or not at all: a run that is killed goes on."""
+    beside = path.with_name(f"{path.name}{NEW}")
+    yield beside
+    beside.replace(path)
 
 
 def unfinished(path: Path) -> Path:
@@ -401,11 +414,15 @@ def _alive(pid: int) -> bool:
 
 def _sync(folder: Path) -> None:
     for item in [folder, *folder.rglob("*")]:
-        descriptor = os.open(item, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+        _sync_item(item)
+
+
+def _sync_item(item: Path) -> None:
+    descriptor = os.open(item, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _move_into_place(partial: Path, path: Path) -> None:
@@ -440,11 +457,7 @@ def _exchange(one: Path, other: Path) -> bool:
 
 
 def _sync_parent(path: Path) -> None:
-    descriptor = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    _sync_item(path.parent)
 
 
 def _as_output_error(error: OSError, path: Path) -> OutputError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -16,11 +16,10 @@ from capture_cli.store import provenance
 from capture_cli.store.document_shape import OBJECT, TEXT, check_shape
 from capture_cli.store.output import PROVENANCE
 from capture_cli.store.provenance import write_json
-from capture_cli.store.schema import Schema
+from capture_cli.store.schema import Migrations, Schema, migrated
 
 Row = Mapping[str, Any]
 Rows = Mapping[str, Row]
-Migrations = Mapping[int, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,9 +165,8 @@ def read_result(folder: Path, name: str, kind: DocumentKind) -> dict[str, Any]:
     document = read_json(path, StoreError, cure=cure)
     if not isinstance(document, dict) or document.get("format") != kind.format:
         raise StoreError(f"{path} is not of the format {kind.format}", cure=cure)
-    while isinstance(version := document.get("version"), int) and version in kind.earlier:
-        document = {**kind.earlier[version](document), "version": version + 1}
-    if version != kind.version:
+    document = migrated(document, kind.earlier)
+    if (version := document.get("version")) != kind.version:
         raise StoreError(
             f"{path}: {kind.format} version {version!r}; this program reads {kind.version}", cure=cure
         )

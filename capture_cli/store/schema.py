@@ -17,6 +17,16 @@ from capture_cli.store.zarr_store import MAKE_AGAIN, ZarrStore
 _WRITTEN_AS = {"f": "fiu", "i": "iu", "u": "iu", "b": "b"}  # kinds of numbers, by that of the schema
 
 
+Migrations = Mapping[int, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
+
+
+def migrated(found: Mapping[str, Any], earlier: Migrations) -> dict[str, Any]:
+    """A document or attributes as of the version after the last of those in `earlier`, if of one that is read."""
+    while isinstance(version := found.get("version"), int) and version in earlier:
+        found = {**earlier[version](found), "version": version + 1}
+    return dict(found)
+
+
 @dataclass(frozen=True)
 class ArraySpec:
     """One array of a store: where it is, the names of its axes (with spaces between), and what its numbers mean."""
@@ -64,7 +74,7 @@ class Schema:
     attributes: Mapping[str, str]
     cure_for_other_version: str
     # for each version before this one that is read, what makes its attributes those of the next
-    earlier: Mapping[int, Callable[[Mapping[str, Any]], Mapping[str, Any]]] = field(default_factory=dict)
+    earlier: Migrations = field(default_factory=dict)
 
     @uninterrupted()  # zarr has threads, which would go on to write where the folder was cleared away
     def write(self, path: Path, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
@@ -145,10 +155,7 @@ class Schema:
 
     def migrated(self, attributes: Mapping[str, Any]) -> dict[str, Any]:
         """`attributes` of a store of this format, as of this version where they are of an earlier one that is read."""
-        found = dict(attributes)
-        while found.get("format") == self.format and found.get("version") in self.earlier:
-            found = {**self.earlier[found["version"]](found), "version": found["version"] + 1}
-        return found
+        return migrated(attributes, self.earlier if attributes.get("format") == self.format else {})
 
     def check_header(self, path: Path, attributes: Mapping[str, Any]) -> None:
         found = attributes.get("format")

@@ -15,7 +15,7 @@ from capture_cli.context.checkpoints import identifier_checkpoint, policy_checkp
 from capture_cli.store.output import sha256
 
 PARTS = {
-    policy_checkpoint.SETTINGS,
+    policy_checkpoint.DOCUMENT,
     policy_checkpoint.WEIGHTS,
     identifier_checkpoint.DOCUMENT,
     identifier_checkpoint.WEIGHTS,

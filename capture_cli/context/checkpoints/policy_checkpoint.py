@@ -22,7 +22,7 @@ from capture_cli.store.tensors import read_weights, save_arrays
 from capture_cli.store.trained import TrainedPolicy
 
 FORMAT, VERSION = "capture/policy", 2
-SETTINGS, WEIGHTS = "policy.json", "policy.safetensors"
+DOCUMENT, WEIGHTS = "policy.json", "policy.safetensors"
 _JUDGED = {"reward": NUMBER, "success": NUMBER}
 SHAPE = {
     "policy": TEXT,
@@ -61,14 +61,14 @@ def save_policy(
         "effects": [],
         **(more or {}),
     }
-    write_json(folder / SETTINGS, document)
+    write_json(folder / DOCUMENT, document)
     save_arrays(folder / WEIGHTS, weights)
     return document
 
 
 def is_checkpoint(policy: str | Path) -> bool:
     """Whether that is the path of a policy that was trained."""
-    return (Path(policy) / SETTINGS).is_file()
+    return (Path(policy) / DOCUMENT).is_file()
 
 
 def played(machine: Task, policy: str) -> Task:
@@ -90,7 +90,7 @@ def load_policy(name: str, task: ActionTask) -> Policy:
         return REGISTRY.get(name)(task)
     if path.exists():
         raise StoreError(
-            f"--policy {name}: there is no {SETTINGS} in it", cure="give a folder that `train-policy` wrote"
+            f"--policy {name}: there is no {DOCUMENT} in it", cure="give a folder that `train-policy` wrote"
         )
     raise OptionError(
         f"--policy {name!r} is neither a policy nor a checkpoint directory",
@@ -148,7 +148,7 @@ def read_policy_weights(path: Path, document: Mapping[str, Any]) -> dict[str, np
 
 
 def _apart(path: Path, error: Exception) -> StoreError:
-    return StoreError(f"{path}: {SETTINGS} and {WEIGHTS} do not belong together: {error}", cure=AGAIN)
+    return StoreError(f"{path}: {DOCUMENT} and {WEIGHTS} do not belong together: {error}", cure=AGAIN)
 
 
 def _bounds(space: ParameterSpace) -> list[list[float]]:
@@ -160,12 +160,12 @@ def read_policy(path: Path, *, trained: bool = False) -> dict[str, Any]:
 
     trained: it has to say how it was trained and judged, too.
     """
-    found = read_result(path, SETTINGS, KIND)
+    found = read_result(path, DOCUMENT, KIND)
     if trained:
-        check_shape(found, TRAINED, path / SETTINGS, AGAIN)
+        check_shape(found, TRAINED, path / DOCUMENT, AGAIN)
     for kind, bounds in found["bounds"].items():
         if kind in found and len(bounds) != len(found[kind]):
             raise StoreError(
-                f"{path / SETTINGS}: {len(bounds)} bounds of {len(found[kind])} {kind}", cure=AGAIN
+                f"{path / DOCUMENT}: {len(bounds)} bounds of {len(found[kind])} {kind}", cure=AGAIN
             )
     return found

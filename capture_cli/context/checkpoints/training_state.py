@@ -15,11 +15,10 @@ import numpy as np
 from capture_cli.common.documents import parse_json
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.store.document_shape import OBJECT, check_shape
+from capture_cli.store.output import renewed
 from capture_cli.store.tensors import read_arrays, save_arrays
 
-STATE = "state.safetensors"
-NEW_STATE = f"{STATE}.new"  # while it is written
-OF_STATE = (STATE, NEW_STATE)  # not of a training that is complete
+STATE = "state.safetensors"  # not of a training that is complete
 METRICS = "metrics.jsonl"
 
 
@@ -33,9 +32,8 @@ def save_state(
     folder: Path, counters: Mapping[str, Any], arrays: Mapping[str, np.ndarray], recipe: Mapping[str, Any]
 ) -> None:
     """Put the state into `folder` in place of the last one. recipe: what runs that do the same have in common."""
-    beside = folder / NEW_STATE
-    save_arrays(beside, arrays, {"counters": json.dumps(counters), "recipe": json.dumps(recipe)})
-    beside.replace(folder / STATE)
+    with renewed(folder / STATE) as file:
+        save_arrays(file, arrays, {"counters": json.dumps(counters), "recipe": json.dumps(recipe)})
 
 
 def load_state(

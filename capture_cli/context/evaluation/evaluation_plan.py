@@ -68,17 +68,17 @@ def evaluation_plan(
     world = _world(options, machine, effects)
     draws = [
         Sim2Sim(
-            machine,
-            chosen,
-            options.pairs,
-            options.rounds,
-            noise,
-            options.seed,
-            number,
-            options.threads,
-            options.known_noise,
-            effects,
-            world,
+            task=machine,
+            policy=chosen,
+            pairs=options.pairs,
+            rounds=options.rounds,
+            noise=noise,
+            seed=options.seed,
+            number=number,
+            threads=options.threads,
+            known_noise=options.known_noise,
+            effects=effects,
+            world=world,
         )
         for number in range(options.seeds)
     ]

@@ -75,7 +75,8 @@ class Sim2Sim:
         of_effects = [self.effects.drawn(self._generator(pair, 3), 1) for pair in range(self.pairs)]
         truth = np.concatenate([target, np.concatenate(of_effects)], axis=1)
         told = {"error_rate": observation_noise.error_rate(self.noise)} if self.known_noise else {}
-        identifier = make(signature, source, simulate=simulate, seed=self._own_seed(), **told)
+        seed = int(np.random.SeedSequence([self.seed, self.number]).generate_state(1)[0])
+        identifier = make(signature, source, simulate=simulate, seed=seed, **told)
         uniform = self._uniform()
         noise = [self._generator(pair, 2) for pair in range(self.pairs)]
         measured = np.zeros((self.pairs, self.rounds, *signature.trajectory_shape))
@@ -140,9 +141,6 @@ class Sim2Sim:
 
     def _generator(self, pair: int, use: int) -> np.random.Generator:
         return np.random.default_rng([self.seed, self.number, use, pair])
-
-    def _own_seed(self) -> int:
-        return int(np.random.SeedSequence([self.seed, self.number]).generate_state(1)[0])
 
 
 def _with_first(sd: np.ndarray | None, estimates: np.ndarray) -> np.ndarray:

@@ -136,7 +136,9 @@ class LabelRefinement:
             middle = (a + b) // 2
             self._look(labels, k, middle, actions)
             intervals = np.concatenate([np.stack([k, a, middle], axis=1), np.stack([k, middle, b], axis=1)])
-        return _extended(labels, low, high)
+        # values outside of [low, high] take the label of the nearest end
+        nearest = np.clip(np.arange(labels.shape[1]), low[:, None], high[:, None])
+        return np.take_along_axis(labels, nearest, axis=1)
 
     def _look(self, labels: np.ndarray, pair: np.ndarray, value: np.ndarray, actions: np.ndarray) -> None:
         if not len(pair):
@@ -163,9 +165,3 @@ def _half_width(cumulative: np.ndarray, middle: np.ndarray) -> np.ndarray:
             np.where(held < SETTINGS.covered, high, half),
         )
     return high
-
-
-def _extended(labels: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Values outside of [low, high] (pair,) take the label of the nearest end."""
-    index = np.clip(np.arange(labels.shape[1]), low[:, None], high[:, None])
-    return np.take_along_axis(labels, index, axis=1)

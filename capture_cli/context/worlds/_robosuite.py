@@ -29,7 +29,8 @@ def patch_robosuite() -> None:
             f"robosuite {found} is installed; its patches for MuJoCo 4 are for {PATCHED_VERSION}",
             cure=f"pip install robosuite=={PATCHED_VERSION}",
         )
-    logging.getLogger("robosuite_logs").addFilter(_is_error)
+    # it warns of optional packages at every import
+    logging.getLogger("robosuite_logs").addFilter(lambda record: record.levelno >= logging.ERROR)
     from robosuite.controllers.parts.controller import Controller
     from robosuite.controllers.parts.generic.joint_vel import JointVelocityController
     from robosuite.utils.binding_utils import MjModel
@@ -38,10 +39,6 @@ def patch_robosuite() -> None:
     MjModel.get_joint_qvel_addr = _address("jnt_dofadr", free=6, ball=3)
     Controller.update = _update
     JointVelocityController.torque_compensation = property(_compensation, _compensate)
-
-
-def _is_error(record: logging.LogRecord) -> bool:
-    return record.levelno >= logging.ERROR  # it warns of optional packages at every import
 
 
 def _address(field: str, *, free: int, ball: int):

@@ -102,7 +102,8 @@ class World:
             raise self._unfit(error.message) from error
 
     def _unfit(self, found: str) -> OptionError:
-        return OptionError(f"--robot {self.robot}, {self.task.name}: {found}", cure=_other_robot(self.robot))
+        other = "take another robot" + f", as {SETTINGS.robot}" * (self.robot != SETTINGS.robot)
+        return OptionError(f"--robot {self.robot}, {self.task.name}: {found}", cure=other)
 
 
 def _check_robot(robot: str) -> None:
@@ -114,7 +115,3 @@ def _check_robot(robot: str) -> None:
         raise OptionError(
             f"--robot {robot!r}{other or ' is none of robosuite'}", cure=did_you_mean(robot, known)
         )
-
-
-def _other_robot(robot: str) -> str:
-    return "take another robot" + f", as {SETTINGS.robot}" * (robot != SETTINGS.robot)

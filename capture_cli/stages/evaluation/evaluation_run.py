@@ -24,11 +24,10 @@ from capture_cli.options.base import takes_options
 from capture_cli.options.eval_sim2sim import EvalSim2SimOptions
 from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.evaluation import FORMAT, SCHEMA, VERSION, Evaluation, joined
-from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
+from capture_cli.store.output import NEW, is_complete, refuse_inputs, renewed, resumable_directory, unfinished
 from capture_cli.store.provenance import Provenance, code_hash, write_json
 
-PARTS, RECIPE, NEW_RECIPE = "parts", "recipe.json", "recipe.json.new"  # of a run that is not complete
-BESIDE = ".new"  # of a part that is not complete
+PARTS, RECIPE = "parts", "recipe.json"  # of a run that is not complete
 
 
 @takes_options
@@ -80,7 +79,7 @@ def carry_out(plan: EvaluationPlan, options: EvalSim2SimOptions, place: Path | N
     with resumable_directory(
         place or options.out,
         kept=kept,
-        scaffold=(PARTS, RECIPE, NEW_RECIPE),
+        scaffold=(PARTS, RECIPE),
         force=options.force,
         resume=options.resume,
     ) as folder:
@@ -97,7 +96,7 @@ def carry_out(plan: EvaluationPlan, options: EvalSim2SimOptions, place: Path | N
 
 def kept_parts(folder: Path) -> int:
     """How many parts of an evaluation an earlier run has completed in `folder`."""
-    return sum(path.suffix != BESIDE for path in (folder / PARTS).glob("*"))
+    return sum(path.suffix != NEW for path in (folder / PARTS).glob("*"))
 
 
 def _begin(folder: Path, plan: EvaluationPlan) -> None:
@@ -105,7 +104,7 @@ def _begin(folder: Path, plan: EvaluationPlan) -> None:
 
     All rows of an evaluation are of one code: those of another would be compared with what has changed since.
     """
-    path, beside = folder / RECIPE, folder / NEW_RECIPE
+    path = folder / RECIPE
     (folder / PARTS).mkdir(exist_ok=True)
     if path.is_file():
         noted = read_json(path, StoreError, cure="begin anew with --force")
@@ -117,8 +116,8 @@ def _begin(folder: Path, plan: EvaluationPlan) -> None:
                 f"--resume: {count} of {len(plan.parts())} parts in {folder} are of another version of the program",
                 cure="begin anew with --force, so that all rows are of one, or go on with that version",
             )
-    write_json(beside, {**plan.recipe, "code": code_hash()})
-    beside.replace(path)  # whole or not at all: a run that is killed goes on
+    with renewed(path) as file:
+        write_json(file, {**plan.recipe, "code": code_hash()})
 
 
 def _check_same(found: dict[str, Any], plan: EvaluationPlan, where: Path) -> None:
@@ -147,10 +146,9 @@ def _keep(path: Path, arrays: dict[str, np.ndarray], draw: Sim2Sim, attributes: 
     source, target = draw.ends()
     arrays = {name: a[None, None] for name, a in arrays.items()}
     arrays |= {"source": source[None], "target": target[None]}
-    beside = path.with_name(f"{path.name}{BESIDE}")
-    shutil.rmtree(beside, ignore_errors=True)
-    SCHEMA.write(beside, arrays, attributes)
-    beside.rename(path)
+    with renewed(path) as beside:
+        shutil.rmtree(beside, ignore_errors=True)
+        SCHEMA.write(beside, arrays, attributes)
 
 
 def _joined(plan: EvaluationPlan, folder: Path) -> dict[str, np.ndarray]:
@@ -161,13 +159,8 @@ def _joined(plan: EvaluationPlan, folder: Path) -> dict[str, np.ndarray]:
 
 
 def _write_reports(evaluation: Evaluation, folder: Path) -> None:
+    from capture_cli.report.evaluation_figures import write_figures
     from capture_cli.report.evaluation_tables import markdown
 
     (folder / "tables.md").write_text(markdown(evaluation.document), encoding="utf-8")
-    _write_figures(evaluation, folder)
-
-
-def _write_figures(evaluation: Evaluation, folder: Path) -> None:
-    from capture_cli.report.evaluation_figures import write_figures
-
     write_figures(evaluation.document, folder)

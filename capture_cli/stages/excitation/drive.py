@@ -13,6 +13,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.estimate.initial_states.from_outputs import model_initial_states
+from capture_cli.log.arrays import slices_until
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import gaps, usual_interval
 from capture_cli.model.states import InitialStates
@@ -51,7 +52,7 @@ class Drive:
 
     def rows(self, keep: np.ndarray) -> Drive:
         """The episodes numbered `keep`."""
-        steps = [np.arange(a, b) for a, b in zip([0, *self.ends[:-1]], self.ends, strict=True)]
+        steps = [np.arange(e.start, e.stop) for e in slices_until(self.ends)]
         kept = np.concatenate([steps[episode] for episode in keep])
         return Drive(
             time=self.time[kept],

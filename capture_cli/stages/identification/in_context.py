@@ -143,11 +143,6 @@ class InContext:
         return self.walk.sd[0, -1] if known else None
 
     @property
-    def other_model(self) -> bool:
-        """Whether the histories were of another model, as far as that is known."""
-        return is_of_another(self.checkpoint.record.histories, self.logged.task.model)
-
-    @property
     def in_family(self) -> bool:
         return self.share_beyond >= SETTINGS.outside
 
@@ -197,7 +192,7 @@ class InContext:
         if effects := self.logged.task.effects:
             names = ", ".join(placed.name for placed, _ in effects)
             said.append(f"The model has {names} as in the histories of the identifier, in the fit as well.")
-        if self.other_model:
+        if is_of_another(self.checkpoint.record.histories, self.logged.task.model):
             said.append(
                 "The identifier was trained on histories of another model, or of this one before it was changed: what "
                 "it proposes is of that."

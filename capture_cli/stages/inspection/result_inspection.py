@@ -80,20 +80,20 @@ def _header(seen: Inspection, found: Mapping[str, Any], *without: str) -> None:
 def _fitted(kind: type[Result], path: Path, seen: Inspection) -> None:
     found = kind.read_document(path)
     _header(seen, found, *(found.keys() - OF_RESULTS))
-    seen.sizes = {"parameters": len(found.get("parameters", {})), "effects": len(found.get("effects", []))}
+    seen.sizes = {"parameters": len(found["parameters"]), "effects": len(found["effects"])}
     seen.findings += _verdict(found, path)
-    seen.findings += _log_changed(found.get("log"))
+    seen.findings += _log_changed(found["log"])
     kind.read(path)  # its arrays too
 
 
 def _verdict(result: Mapping[str, Any], path: Path) -> list[Finding]:
     found = []
-    if result.get("verdict") == "unexplained":
+    if result["verdict"] == "unexplained":
         cure = _cure_of_unexplained(result, path)
         found.append(
             finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
         )
-    for name, parameter in result.get("parameters", {}).items():
+    for name, parameter in result["parameters"].items():
         if not parameter.get("identifiable", True):
             cure = "record a motion in which it matters, or leave it out of the task.toml"
             only = f": it is {told(parameter)}" if parameter.get("limits") else ""
@@ -125,13 +125,13 @@ def _cure_of_unexplained(result: Mapping[str, Any], path: Path) -> str:
         return cut_short(record)[0]
     if result.get("next_command", "") is None:
         return f"check columns, units and signs before anything else: {where}"
-    log = ["--real-log", result["log"]["path"]] if result.get("log") else []
-    return f"`{shlex.join(['capture', 'diagnose', *log, '--estimate', str(path)])}` looks for what the model lacks"
+    diagnose = ["capture", "diagnose", "--real-log", result["log"]["path"], "--estimate", str(path)]
+    return f"`{shlex.join(diagnose)}` looks for what the model lacks"
 
 
-def _log_changed(log: Mapping[str, Any] | None) -> list[Finding]:
-    path = Path(log["path"]) if log else None
-    if path is None or not path.exists() or sha256(path) == log.get("sha256"):
+def _log_changed(log: Mapping[str, Any]) -> list[Finding]:
+    path = Path(log["path"])
+    if not path.exists() or sha256(path) == log.get("sha256"):
         return []
     return [
         finding(
@@ -190,7 +190,7 @@ RESULTS = {
     "identifier": ResultFolder(
         identifier_checkpoint.DOCUMENT, _identifier, (METRICS, "loss.png", PROVENANCE)
     ),
-    "policy": ResultFolder(policy_checkpoint.SETTINGS, _policy, (METRICS, "training.png", PROVENANCE)),
+    "policy": ResultFolder(policy_checkpoint.DOCUMENT, _policy, (METRICS, "training.png", PROVENANCE)),
     "evaluation": ResultFolder(
         "evaluation.json",
         _evaluation,

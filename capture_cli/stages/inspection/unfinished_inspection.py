@@ -11,7 +11,7 @@ from capture_cli.stages.evaluation.evaluation_run import PARTS, RECIPE
 from capture_cli.stages.search_checkpoint import STEPS
 from capture_cli.store.histories import HistoriesWriter
 from capture_cli.store.inspection import Inspection
-from capture_cli.store.output import UNFINISHED
+from capture_cli.store.output import NEW, UNFINISHED
 
 GO_ON = "go on with the command that began it and --resume, or begin anew with --force"
 ANEW = "begin anew with the command that began it and --force"
@@ -58,7 +58,7 @@ def _training(path: Path, seen: Inspection) -> tuple[str, str] | None:
 def _evaluation(path: Path, seen: Inspection) -> tuple[str, str] | None:
     if not (path / RECIPE).is_file():
         return None
-    kept = [p.name for p in sorted((path / PARTS).glob("*")) if p.is_dir() and p.suffix != ".new"]
+    kept = [p.name for p in sorted((path / PARTS).glob("*")) if p.is_dir() and p.suffix != NEW]
     seen.result |= {"command": "eval-sim2sim", "parts": kept}
     return f"evaluation, of which {len(kept)} parts are kept", GO_ON
 
