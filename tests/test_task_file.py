@@ -554,7 +554,7 @@ def test_the_centres_that_are_moved_do_not_depend_on_the_order_of_parameters(tmp
 def test_bounds_wider_than_any_place_are_warned_of(write):
     """On both sides of 0 they say no size that they could be compared with."""
     task = load_task(str(write(("low = 0.5", "low = 0.0"), ("body:left:mass", "body:left:com_x"))))
-    assert not wide_bounds(task)
+    assert not [*wide_bounds(task)]
     vast = write(("low = 0.5", "low = -1e9"), ("body:left:mass", "body:left:com_x"))
     (found,) = wide_bounds(load_task(str(vast)))
     assert found["severity"] == "warning" and "wider than any place" in found["message"]

@@ -51,7 +51,8 @@ def gen_histories(options: GenHistoriesOptions) -> dict[str, Any]:
     if options.executor == "ray":
         require("ray", "--executor ray")
     out = str(options.out).removeprefix("file://")
-    _check(options)
+    if options.address is not None and options.executor != "ray":
+        raise OptionError(f"--address {options.address} without --executor ray", cure="add --executor ray")
     asked = SimulatedMachine.to_learn_in(
         options.task, options.estimate, options.effects, why="histories go over all values of the parameters"
     )
@@ -88,11 +89,6 @@ def gen_histories(options: GenHistoriesOptions) -> dict[str, Any]:
 
 
 # --- what is asked for ---
-
-
-def _check(options: GenHistoriesOptions) -> None:
-    if options.address is not None and options.executor != "ray":
-        raise OptionError(f"--address {options.address} without --executor ray", cure="add --executor ray")
 
 
 def _action_task(machine: Task, options: GenHistoriesOptions) -> ActionTask:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.documents import read_json
 from capture_cli.errors import CaptureError, StoreError
-from capture_cli.log.checks.base import finding
+from capture_cli.log.checks.base import Finding, finding
 from capture_cli.log.checks.equal_episodes import equal_episodes
 from capture_cli.log.checks.even_times import jitter
 from capture_cli.log.checks.held_outputs import rows_per_sample, sample_rate, slices_within
@@ -222,16 +222,14 @@ def _recording(log: MeasuredLog, number: int, episodes: list[dict[str, Any]]) ->
     }
 
 
-def _not_finite(time: np.ndarray) -> list[dict[str, str]]:
+def _not_finite(time: np.ndarray) -> Iterator[Finding]:
     """The finding that not all times (step,) are numbers; none where they are."""
-    count = int((~np.isfinite(time)).sum())
-    if not count:
-        return []
-    what, cure = f"{count} times are NaN or infinite", "import the files again with --drop-nan"
-    return [finding("error", "time", what, cure)]
+    if count := int((~np.isfinite(time)).sum()):
+        what, cure = f"{count} times are NaN or infinite", "import the files again with --drop-nan"
+        yield finding("error", "time", what, cure)
 
 
-def _import_findings(recordings: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+def _import_findings(recordings: Sequence[Mapping[str, Any]]) -> list[Finding]:
     """What the import of these recordings saw, dropped or emptied."""
     return [
         *(_cut_off(r) for r in recordings if r.get("cut_off") is not None),
@@ -243,30 +241,28 @@ def _import_findings(recordings: Sequence[Mapping[str, Any]]) -> list[dict[str, 
     ]
 
 
-def _evened(recording: Mapping[str, Any]) -> dict[str, str]:
+def _evened(recording: Mapping[str, Any]) -> Finding:
     what = f"samples were put at even times on import: stamps were off by {1e3 * recording['evened_times']:.3g} ms"
     return finding("note", recording["name"], what, NOTHING_TO_DO)
 
 
-def _noted(recordings: Sequence[Mapping[str, Any]], key: str, what: str) -> list[dict[str, str]]:
+def _noted(recordings: Sequence[Mapping[str, Any]], key: str, what: str) -> list[Finding]:
     """A note of how many rows the import counted under `key`, on each recording where it did."""
     return [finding("note", r["name"], f"{r[key]} {what}", NOTHING_TO_DO) for r in recordings if r.get(key)]
 
 
-def _repeated(log: MeasuredLog) -> list[dict[str, str]]:
+def _repeated(log: MeasuredLog) -> Iterator[Finding]:
     """The finding that episodes hold the same as earlier ones; none where they do not."""
-    pairs = equal_episodes(log)
-    if not pairs:
-        return []
-    earlier, later = pairs[0]
-    names = [log.recording_names[int(log.recording[number])] for number in (later, earlier)]
-    more = f", and {len(pairs) - 1} more do likewise" if len(pairs) > 1 else ""
-    what = f"holds the same as episode {earlier} ({names[1]}){more}"
-    cure = "import again and give each recording once: what is held out may be what was fitted, and no test of it"
-    return [finding("warning", f"{names[0]}, episode {later}", what, cure)]
+    if pairs := equal_episodes(log):
+        earlier, later = pairs[0]
+        names = [log.recording_names[int(log.recording[number])] for number in (later, earlier)]
+        more = f", and {len(pairs) - 1} more do likewise" if len(pairs) > 1 else ""
+        what = f"holds the same as episode {earlier} ({names[1]}){more}"
+        cure = "import again and give each recording once: what is held out may be what was fitted, and no test of it"
+        yield finding("warning", f"{names[0]}, episode {later}", what, cure)
 
 
-def _cut_off(recording: Mapping[str, Any]) -> dict[str, str]:
+def _cut_off(recording: Mapping[str, Any]) -> Finding:
     """The finding that the recording's file seems to end in mid-number."""
     return finding(
         "warning",
@@ -277,7 +273,7 @@ def _cut_off(recording: Mapping[str, Any]) -> dict[str, str]:
     )
 
 
-def _dropped(recording: Mapping[str, Any]) -> dict[str, str]:
+def _dropped(recording: Mapping[str, Any]) -> Finding:
     """The finding that rows were dropped: between those that are left, inputs are taken as held, or as straight."""
     name, dropped, steps = (recording[key] for key in ("name", "dropped_rows", "steps"))
     many_dropped = 0.1  # of a recording's rows
@@ -357,13 +353,9 @@ def _inspect_zarr(path: Path, seen: Inspection) -> None:
         _inspect_histories(path, seen)
     elif schema is not None:
         schema.read(path)
-    if not str(seen.store["format"]).startswith("capture/"):
-        message = "this store was not written by `capture`"
-        seen.findings.append(
-            finding(
-                "note", "store", message, "convert its columns to CSV or Parquet, then `capture import-log`"
-            )
-        )
+    if not str(found).startswith("capture/"):
+        cure = "convert its columns to CSV or Parquet, then `capture import-log`"
+        seen.findings.append(finding("note", "store", "this store was not written by `capture`", cure))
 
 
 def _inspect_histories(path: Path, seen: Inspection) -> None:

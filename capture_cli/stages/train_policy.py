@@ -16,7 +16,7 @@ from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.policy_checkpoint import read_policy, save_policy
 from capture_cli.context.checkpoints.training_state import (
     STATE,
-    check_recipe,
+    check_made,
     kept,
     load_state,
     save_state,
@@ -76,7 +76,7 @@ def train_policy(options: TrainPolicyOptions) -> dict[str, Any]:
     }
     if complete:
         document = read_policy(out, trained=True)
-        check_recipe({name: document.get(name) for name in made}, made)
+        check_made(document, made)
         return document
     refuse_inputs(out, [options.estimate])
     inputs = {"task": machine.path, "estimate": options.estimate}

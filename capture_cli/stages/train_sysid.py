@@ -14,7 +14,7 @@ from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.identifier_checkpoint import read_document, save_identifier
 from capture_cli.context.checkpoints.training_state import (
     STATE,
-    check_recipe,
+    check_made,
     kept,
     load_state,
     save_state,
@@ -77,7 +77,9 @@ def train_sysid(options: TrainSysidOptions) -> dict[str, Any]:
         "histories": _described(store.attributes),
     }
     if complete:
-        return _trained(out, recipe)
+        document = read_document(out)
+        check_made(document, recipe)
+        return document
     provenance = Provenance("train-sysid", options.recorded(), {"histories": trains_on})
     _check_finite(store, options.quiet)
 
@@ -210,13 +212,6 @@ def _described(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 # --- the work ---
-
-
-def _trained(out: Path, recipe: Mapping[str, Any]) -> dict[str, Any]:
-    """identifier.json of the complete training at `out`. Raises OptionError where it has another recipe."""
-    document = read_document(out)
-    check_recipe({name: document.get(name) for name in recipe}, recipe)
-    return document
 
 
 def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: bool) -> None:

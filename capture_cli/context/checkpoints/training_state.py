@@ -90,6 +90,11 @@ def check_recipe(earlier: Mapping[str, Any], recipe: Mapping[str, Any], run: str
         )
 
 
+def check_made(found: Mapping[str, Any], recipe: Mapping[str, Any], run: str = "the earlier run") -> None:
+    """The same of what a run has written of itself, `found`, which may say more than the recipe."""
+    check_recipe({name: found.get(name) for name in recipe}, recipe, run)
+
+
 def _differences(before: Any, now: Any, path: str = "") -> list[str]:
     if isinstance(before, dict) and isinstance(now, dict):
         keys = sorted(before.keys() | now.keys())

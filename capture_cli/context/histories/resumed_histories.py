@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.context.checkpoints.checkpoint_hash import with_new_hashes
-from capture_cli.context.checkpoints.training_state import check_recipe
+from capture_cli.context.checkpoints.training_state import check_made
 from capture_cli.errors import Interrupted, OutputError
 from capture_cli.store.histories import HistoriesWriter, is_url, shard_rows
 from capture_cli.store.output import GO_ON, resumable_directory
@@ -71,7 +71,7 @@ def is_complete(writer: HistoriesWriter, attributes: dict[str, Any], checkpoints
 
 
 def _check_same(found: Mapping[str, Any], wanted: Mapping[str, Any], writer: HistoriesWriter) -> None:
-    check_recipe({name: found[name] for name in wanted}, wanted, f"the run at {writer.location}")
+    check_made(found, wanted, f"the run at {writer.location}")
 
 
 def _kept(location: str | Path) -> str:

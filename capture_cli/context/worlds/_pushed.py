@@ -158,14 +158,8 @@ class PushedScene(Scene):
         return self.played(interval * np.arange(steps + 1), inputs, outputs, sent)
 
     def arm_action(self, target: np.ndarray) -> np.ndarray:
-        """The action that sends the hand to where the tool is at `target`, (x, y), m.
-
-        For a controller whose first three inputs move the hand by at most `output_max`, as the Panda's own one does.
-        """
-        controller = self.robots[0].part_controllers[self._arm]
-        action = np.zeros(self.action_dim)
-        action[:2] = np.clip((target - self.tool_position) / controller.output_max[:2], -1, 1)
-        return action
+        """The action that sends the hand to where the tool is at `target`, (x, y), m."""
+        return self.hand_sent(np.array([*(target - self.tool_position), 0.0]))
 
 
 def _controller(robot: str) -> dict:

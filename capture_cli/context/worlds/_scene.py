@@ -142,6 +142,16 @@ class Scene(ManipulationEnv):
     def _arm(self) -> str:
         return self.robots[0].arms[0]
 
+    def hand_sent(self, way: np.ndarray) -> np.ndarray:
+        """The action that sends the hand by `way`, (x, y, z) in the scene's axes, m, as far as one action may.
+
+        For a controller whose first three inputs move the hand by at most `output_max`, as the Panda's own one does.
+        """
+        controller = self.robots[0].part_controllers[self._arm]
+        action = np.zeros(self.action_dim)
+        action[:3] = np.clip(way / controller.output_max[:3], -1, 1)
+        return action
+
     def _hold(self) -> None:
         """Let the robot take the tool, where it is the arm that moves it."""
         if self.driven_by == "arm":

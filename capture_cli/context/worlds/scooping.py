@@ -126,15 +126,9 @@ class ObjectScooping(Scene):
         return self.played(time, inputs, outputs, inputs)
 
     def arm_action(self, target: np.ndarray) -> np.ndarray:
-        """The action that sends the hand to where the spatula is at `target`, (x, z) in the plant's axes, m.
-
-        For a controller whose first three inputs move the hand by at most `output_max`, as the Panda's own one does.
-        """
+        """The action that sends the hand to where the spatula is at `target`, (x, z) in the plant's axes, m."""
         x, z = target - self.outputs[3:]
-        controller = self.robots[0].part_controllers[self._arm]
-        action = np.zeros(self.action_dim)
-        action[:3] = np.clip(np.array([0.0, -x, z]) / controller.output_max[:3], -1, 1)
-        return action
+        return self.hand_sent(np.array([0.0, -x, z]))
 
 
 MACHINE = ObjectScooping

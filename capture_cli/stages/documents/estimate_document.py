@@ -124,7 +124,7 @@ class Report:
         if len(numbers) < 2 or not len(self.space):
             return None
         names = self.prepared.log.recording_names
-        values, sds, alone, gains = [], [], [], []
+        alone, fits, gains = [], [], []
         for done, number in enumerate(numbers):
             self.progress.part("recording on its own,", done, len(numbers))
             which = fit.recording == number
@@ -135,15 +135,14 @@ class Report:
                 corrections=self.result.at.corrections[which],
                 effort=Effort(rounds=12, tolerance=LEAST_SQUARES.converged_gain, seed=self.seed),
             )
-            if own is None:
-                continue
-            values.append(own.point)
-            sds.append(intervals(own.at).sd)
-            alone.append(names[number])
-            gains.append(self._gain(fit.part(which), own))
+            if own is not None:
+                alone.append(names[number])
+                fits.append(own)
+                gains.append(self._gain(fit.part(which), own))
         if len(alone) < 2:
             return None
-        found = _agreement(alone, np.array(values), np.array(sds), sum(gains), self.space, joint)
+        values, sds = np.array([f.point for f in fits]), np.array([intervals(f.at).sd for f in fits])
+        found = _agreement(alone, values, sds, sum(gains), self.space, joint)
         left_out = [names[n] for n in fitted if names[n] not in alone]
         if left_out:
             found["document"]["text"] += f"; nothing is known of {', '.join(left_out)} alone"

@@ -12,7 +12,7 @@ import numpy as np
 from capture_cli.common.documents import read_json
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.checkpoint_hash import with_new_hashes
-from capture_cli.context.checkpoints.training_state import check_recipe
+from capture_cli.context.checkpoints.training_state import check_made
 from capture_cli.context.evaluation.evaluated_identifier import Evaluated
 from capture_cli.context.evaluation.evaluation_plan import EvaluationPlan, evaluation_plan
 from capture_cli.context.evaluation.evaluation_summary import summary
@@ -122,7 +122,7 @@ def _begin(folder: Path, plan: EvaluationPlan) -> None:
 
 def _check_same(found: dict[str, Any], plan: EvaluationPlan, where: Path) -> None:
     known = with_new_hashes({"effects": [], "world": "plant", "robot": None, **found}, plan.inputs)
-    check_recipe({name: known.get(name) for name in plan.recipe}, plan.recipe, f"the run at {where}")
+    check_made(known, plan.recipe, f"the run at {where}")
 
 
 def _todo(plan: EvaluationPlan, folder: Path) -> list[tuple[str, Evaluated, Sim2Sim]]:

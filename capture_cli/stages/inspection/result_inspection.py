@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -86,26 +86,20 @@ def _fitted(kind: type[Result], path: Path, seen: Inspection) -> None:
     kind.read(path)  # its arrays too
 
 
-def _verdict(result: Mapping[str, Any], path: Path) -> list[Finding]:
-    found = []
+def _verdict(result: Mapping[str, Any], path: Path) -> Iterator[Finding]:
     if result["verdict"] == "unexplained":
         cure = _cure_of_unexplained(result, path)
-        found.append(
-            finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
-        )
+        yield finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
     for name, parameter in result["parameters"].items():
         if not parameter.get("identifiable", True):
             cure = "record a motion in which it matters, or leave it out of the task.toml"
             only = f": it is {told(parameter)}" if parameter.get("limits") else ""
-            found.append(
-                finding("warning", f"parameter {name}", f"the log does not determine it{only}", cure)
-            )
+            yield finding("warning", f"parameter {name}", f"the log does not determine it{only}", cure)
         elif parameter.get("at_bound"):
             cure = (
                 "widen its bounds if the value is physical; otherwise something else is missing in the model"
             )
-            found.append(finding("warning", f"parameter {name}", "is at a bound", cure))
-    return found
+            yield finding("warning", f"parameter {name}", "is at a bound", cure)
 
 
 def _cure_of_unexplained(result: Mapping[str, Any], path: Path) -> str:
@@ -129,15 +123,11 @@ def _cure_of_unexplained(result: Mapping[str, Any], path: Path) -> str:
     return f"`{shlex.join(diagnose)}` looks for what the model lacks"
 
 
-def _log_changed(log: Mapping[str, Any]) -> list[Finding]:
+def _log_changed(log: Mapping[str, Any]) -> Iterator[Finding]:
     path = Path(log["path"])
-    if not path.exists() or sha256(path) == log.get("sha256"):
-        return []
-    return [
-        finding(
-            "warning", "log", f"{path} has changed since", "make the result again from the log as it is now"
-        )
-    ]
+    if path.exists() and sha256(path) != log.get("sha256"):
+        cure = "make the result again from the log as it is now"
+        yield finding("warning", "log", f"{path} has changed since", cure)
 
 
 # --- what was trained, and how it does ---
