@@ -148,9 +148,8 @@ def _print_table(console: Console, head: Sequence[str], rows: Sequence[Sequence[
         table.add_column(Text(title), justify="left" if k == 0 or last else "right", overflow="fold")
     # More rows would push the findings off the screen; --json has them all.
     most_rows = 12
-    shown = (
-        rows if len(rows) == most_rows + 1 else rows[:most_rows]
-    )  # the one more is as short as its mention
+    # one more is as short as its mention
+    shown = rows if len(rows) == most_rows + 1 else rows[:most_rows]
     for row in shown:
         table.add_row(*(Text(cell, style="bold" if k == 0 else "") for k, cell in enumerate(row)))
     console.print(table)

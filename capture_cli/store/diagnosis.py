@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from capture_cli.store.document_shape import BOUNDS, FLAG, NUMBER, OBJECT, POSITIVE, TEXT, WHOLE, or_none
 from capture_cli.store.result import DocumentKind, Record, Result, Row, Rows
-from capture_cli.store.schema import STARTS, STEPS, WINDOWS, ArraySpec, Schema
+from capture_cli.store.schema import INITIAL_STATES, STEPS, WINDOWS, ArraySpec, Schema
 
 FORMAT = "capture/diagnosis"
 VERSION = 1
@@ -19,7 +19,7 @@ SCHEMA = Schema(
     arrays=(
         *WINDOWS,
         ArraySpec("window/part", "window", "-", "0 fit, 1 select, 2 test", dtype="int64"),
-        *STARTS,
+        *INITIAL_STATES,
         ArraySpec(
             "window/start_hidden",
             "window hidden",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from capture_cli.store.document_shape import FLAG, NUMBER, OBJECT, TEXT, WHOLE, or_none
 from capture_cli.store.result import DocumentKind, Record, Result, Row
-from capture_cli.store.schema import STARTS, STEPS, WINDOWS, ArraySpec, Schema
+from capture_cli.store.schema import INITIAL_STATES, STEPS, WINDOWS, ArraySpec, Schema
 
 FORMAT = "capture/estimate"
 VERSION = 2
@@ -25,7 +25,7 @@ SCHEMA = Schema(
             "window/is_test", "window", "-", "True: held out; only its initial state is fitted", dtype="bool"
         ),
         ArraySpec("window/start_offset", "window state", "SI", "correction of its initial state"),
-        *STARTS,
+        *INITIAL_STATES,
         *STEPS,
         ArraySpec("step/simulated", "step output", "per output", "simulated at the estimate"),
         ArraySpec("step/nominal", "step output", "per output", "simulated at the nominal values"),

@@ -54,7 +54,7 @@ STEPS = (
     ArraySpec("step/measured", "step output", "per output", "measured; NaN: no sample"),
 )
 # where the simulation of each window begins; results of before these were written have none
-STARTS = (
+INITIAL_STATES = (
     ArraySpec(
         "window/start_time", "window", "s", "when its simulation begins, on the log's clock", optional=True
     ),

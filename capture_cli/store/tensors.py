@@ -99,11 +99,8 @@ def _least_size(path: Path, cure: str) -> int:
         return SETTINGS.length + length
     header = parse_json(text, f"{path}: its header", StoreError, cure=cure)
     entries = header.items() if isinstance(header, dict) else ()
-    return (
-        SETTINGS.length
-        + length
-        + max((_end(entry) for name, entry in entries if name != METADATA), default=0)
-    )
+    ends = [_end(entry) for name, entry in entries if name != METADATA]
+    return SETTINGS.length + length + max(ends, default=0)
 
 
 def _end(entry: Any) -> int:

@@ -134,12 +134,8 @@ class ZarrStore:
                 f"{where} is in {found.chunk_count} chunks, and {SETTINGS.most_chunks} are the most that is read",
                 cure="write it again in larger chunks",
             )
-        largest = (
-            found.chunk_bytes
-            + found.chunk_bytes // 8
-            + 2 * SETTINGS.index_entry * found.parts
-            + SETTINGS.room
-        )
+        index = SETTINGS.index_entry * found.parts
+        largest = found.chunk_bytes + found.chunk_bytes // 8 + 2 * index + SETTINGS.room
         count = total = 0
         for file, taken in _files(self.path / name, len(found.shape) + 1):
             if taken > largest:
@@ -147,7 +143,7 @@ class ZarrStore:
                     f"{file} has {size(taken)}, and its numbers take {size(found.chunk_bytes)}",
                     cure=MAKE_AGAIN,
                 )
-            if found.inner != found.chunks and taken < SETTINGS.index_entry * found.parts:
+            if found.inner != found.chunks and taken < index:
                 raise StoreError(
                     f"{file} has {taken} bytes, too few for the index of its {found.parts} parts",
                     cure=MAKE_AGAIN,

@@ -160,8 +160,6 @@ def _half_width(cumulative: np.ndarray, middle: np.ndarray) -> np.ndarray:
         half = (low + high) / 2
         ends = zip(below, middle - half, middle + half, strict=True)
         held = np.array([np.interp(right, edges, f) - np.interp(left, edges, f) for f, left, right in ends])
-        low, high = (
-            np.where(held < SETTINGS.covered, half, low),
-            np.where(held < SETTINGS.covered, high, half),
-        )
+        too_few = held < SETTINGS.covered
+        low, high = np.where(too_few, half, low), np.where(too_few, high, half)
     return high

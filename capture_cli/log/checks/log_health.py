@@ -147,11 +147,8 @@ def _inside(values: np.ndarray, time: np.ndarray, episode: slice) -> list[tuple[
         return []
     with np.errstate(invalid="ignore", divide="ignore"):
         off = _off_line(values, time, inside, -1, 1)
-        before, after = (
-            _off_line(values, time, inside - 1, -1, 2),
-            _off_line(values, time, inside + 1, -2, 1),
-        )
-        beside = np.maximum(np.abs(before), np.abs(after))
+        before = np.abs(_off_line(values, time, inside - 1, -1, 2))
+        beside = np.maximum(before, np.abs(_off_line(values, time, inside + 1, -2, 1)))
         forward = np.all([time[inside + k + 1] > time[inside + k] for k in (-2, -1, 0, 1)], axis=0)
         far = np.isfinite(off) & (np.abs(off) > SETTINGS.spike * _usual(off))
         out = forward & far & (beside < SETTINGS.spike_alone * np.abs(off))

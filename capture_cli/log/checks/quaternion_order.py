@@ -22,11 +22,8 @@ class QuaternionOrder(Check):
             order, said = order_in_names(columns), ", and their names say {}"
             if order is None:
                 values = log.outputs[np.ix_(log.sampled[:, own].all(axis=1), own)]
-                order = (
-                    QUATERNION_ORDER.w_last
-                    if is_w_last(values, task.model, sensor)
-                    else QUATERNION_ORDER.w_first
-                )
+                is_last = is_w_last(values, task.model, sensor)
+                order = QUATERNION_ORDER.w_last if is_last else QUATERNION_ORDER.w_first
                 said = ": so the body is half a turn from upright throughout, and as {} it stays upright"
             if order != QUATERNION_ORDER.w_first:
                 found = ", ".join("wxyz"[order.index(k)] for k in range(4))

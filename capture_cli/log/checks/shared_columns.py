@@ -23,11 +23,8 @@ class SharedColumns(Check):
         for output in task.outputs:
             kind, first = readers.setdefault(output.column, ("output", output))
             if first is not output:
-                why = (
-                    "what drives the machine is no measurement of it"
-                    if kind == "input"
-                    else "it counts twice"
-                )
+                driven = "what drives the machine is no measurement of it"
+                why = driven if kind == "input" else "it counts twice"
                 yield finding(
                     "warning",
                     f"output {output.name}",

@@ -168,7 +168,7 @@ def _by_inputs(task: Task, asked: RecordOptions, generator: np.random.Generator)
         time, inputs, ends = _multisines(task, asked, generator)
     else:
         time, inputs, ends = _recorded_inputs(task, asked)
-    return Drive(time, inputs, ends, _starts(task.model, len(ends), asked, generator))
+    return Drive(time, inputs, ends, _initial_states(task.model, len(ends), asked, generator))
 
 
 def _multisines(
@@ -228,7 +228,7 @@ def _refuse_gaps(source: MeasuredLog) -> None:
             )
 
 
-def _starts(
+def _initial_states(
     model: mujoco.MjModel, count: int, asked: RecordOptions, generator: np.random.Generator
 ) -> InitialStates:
     """The model's own, but for joints of which positions or velocities are given."""
