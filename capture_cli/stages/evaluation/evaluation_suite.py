@@ -14,7 +14,7 @@ from typing import Any
 
 from capture_cli.common.documents import read_json
 from capture_cli.context.checkpoints.identifier_checkpoint import DOCUMENT, read_document
-from capture_cli.context.checkpoints.policy_checkpoint import SETTINGS
+from capture_cli.context.checkpoints.policy_checkpoint import DOCUMENT as POLICY
 from capture_cli.context.evaluation.evaluated_identifier import (
     PAPER,
     checkpoints_in,
@@ -300,7 +300,7 @@ def _policy(given: str, task: str) -> str:
     folder = Path(given)
     if not folder.is_dir():
         return given
-    for path in sorted(folder.rglob(SETTINGS)):
+    for path in sorted(folder.rglob(POLICY)):
         found = read_json(path, StoreError, cure="train the policy again")
         check_shape(found, OBJECT, path, "train the policy again")
         if found.get("task") == task:
