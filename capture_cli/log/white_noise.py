@@ -70,7 +70,8 @@ def noise_and_spacing(
         if found[k] is None:
             noise = white_noise(*_apart(own, there, spacing=filtered)) if filtered > 1 else None
             estimates = _by_order(own, there)
-            found[k] = (estimates[-1] if estimates else 0.0, 1) if noise is None else (noise, filtered)
+            is_told = noise is not None and noise < _most(own)
+            found[k] = (noise, filtered) if is_told else (estimates[-1] if estimates else 0.0, 1)
     return found
 
 
@@ -81,15 +82,19 @@ def _white_or_filtered(series: Sequence[np.ndarray], times: Sequence[np.ndarray]
     white = white_noise(series, times)
     if white is not None:
         return white, 1
-    largest = SETTINGS.of_motion * float(np.concatenate(series).std())
     near = None
     for apart in SETTINGS.apart:
         far = white_noise(*_apart(series, times, spacing=apart))
         grown = 0.0 if near is None else near[0] * (apart / near[1]) ** SETTINGS.growth
-        if far is not None and far < grown and near[0] < largest:
+        if far is not None and far < grown and near[0] < _most(series):
             return near
         near = None if far is None else (far, apart)
     return None
+
+
+def _most(series: Sequence[np.ndarray]) -> float:
+    """The noise that a moving channel may have and still show its motion."""
+    return SETTINGS.of_motion * float(np.concatenate(series).std())
 
 
 def _apart(*channel: Sequence[np.ndarray], spacing: int) -> list[list[np.ndarray]]:

@@ -24,10 +24,8 @@ def second_order_low_passed(series, *, time_constant, damping_ratio, timestep, a
     for k in range(series.shape[-2]):
         out[..., k : k + 1, :] = series[..., k : k + 1, :] + behind
         ramp = slope[..., k : k + 1, :]
-        e, e_rate = (
-            behind + lag * ramp,
-            rate - ramp,
-        )  # the deviation from how the ramp would be followed for ever
+        # the deviation from how the ramp would be followed for ever, and T times its slope
+        e, e_rate = behind + lag * ramp, rate - ramp
         behind = kept[0] * e + kept[1] * e_rate - lag * ramp
         rate = rate_kept[0] * e + rate_kept[1] * e_rate + ramp
     return out
