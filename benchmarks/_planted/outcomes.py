@@ -62,16 +62,8 @@ EQUIVALENTS = (
         "the stiffness is declared, and takes that of another spring: a constant force is left",
     ),
     _alike("slider", "control-delay@drive sensor-delay@q", _LATE),
-    _alike(
-        "slider",
-        "control-lag@drive sensor-low-pass@q",
-        _FILTERED,
-    ),
-    _alike(
-        "slider",
-        "control-second-order-lag@drive sensor-second-order-low-pass@q",
-        _FILTERED,
-    ),
+    _alike("slider", "control-lag@drive sensor-low-pass@q", _FILTERED),
+    _alike("slider", "control-second-order-lag@drive sensor-second-order-low-pass@q", _FILTERED),
     _alike(
         "cart_pole",
         "constant-force@x spring-preload@x sensor-bias@cart",
@@ -143,13 +135,11 @@ def placed(effect: Mapping[str, Any]) -> str:
 
 def _of_the_logger(case: Case, effect: Mapping[str, Any]) -> bool:
     """Whether an effect that was not planted is what the logger did, or what no log can tell from that."""
-    alike = {placed(effect), *effect["tied_with"]}
-    for e in EQUIVALENTS:
-        alike |= e.planted if e.machine == case.machine and e.found & {placed(effect)} else set()
-    kinds = {name.partition("@")[0] for name in alike}
-    return not kinds.isdisjoint(OF_THE_LOGGER.get(case.dress, ())) and not any(
-        _hit(case, planted, effect) for planted in case.planted
-    )
+    if any(_hit(case, planted, effect) for planted in case.planted):
+        return False
+    own = [e for e in EQUIVALENTS if e.machine == case.machine and placed(effect) in e.found]
+    alike = {placed(effect), *effect["tied_with"]}.union(*(e.planted for e in own))
+    return not {name.partition("@")[0] for name in alike}.isdisjoint(OF_THE_LOGGER.get(case.dress, ()))
 
 
 def _judge_known(case: Case, verdict: str, effects: Sequence[Mapping[str, Any]]) -> str:

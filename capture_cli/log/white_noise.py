@@ -68,10 +68,10 @@ def noise_and_spacing(
     filtered = max((spacing for _, spacing in filter(None, found)), default=1)
     for k, (own, there) in enumerate(pairs):
         if found[k] is None:
-            noise = white_noise(*_apart(own, there, spacing=filtered)) if filtered > 1 else None
-            estimates = _by_order(own, there)
-            is_told = noise is not None and noise < _most(own)
-            found[k] = (noise, filtered) if is_told else (estimates[-1] if estimates else 0.0, 1)
+            told = _noise_at(own, there, filtered)
+            is_noise = told is not None and told[0] < _most(own)
+            estimates = _by_order(own, there) or [0.0]
+            found[k] = told if is_noise else (estimates[-1], 1)
     return found
 
 
@@ -79,27 +79,33 @@ def _white_or_filtered(series: Sequence[np.ndarray], times: Sequence[np.ndarray]
     """The noise of a channel and its spacing; behind a filter that from which on samples that are farther apart show
     hardly more of it, while of the motion they show the more. None where there is none such.
     """
-    white = white_noise(series, times)
-    if white is not None:
-        return white, 1
+    if (white := _noise_at(series, times, 1)) is not None:
+        return white
     near = None
-    for apart in SETTINGS.apart:
-        far = white_noise(*_apart(series, times, spacing=apart))
-        grown = 0.0 if near is None else near[0] * (apart / near[1]) ** SETTINGS.growth
-        if far is not None and far < grown and near[0] < _most(series):
-            return near
-        near = None if far is None else (far, apart)
+    for spacing in SETTINGS.apart:
+        far = _noise_at(series, times, spacing)
+        if near is not None and far is not None:
+            grown = near[0] * (spacing / near[1]) ** SETTINGS.growth
+            if far[0] < grown and near[0] < _most(series):
+                return near
+        near = far
     return None
+
+
+def _noise_at(
+    series: Sequence[np.ndarray], times: Sequence[np.ndarray], spacing: int
+) -> tuple[float, int] | None:
+    """The noise of every so many-th sample, from each of the first ones on, and the spacing; None where the estimate
+    keeps falling.
+    """
+    apart = [[own[first::spacing] for own in part for first in range(spacing)] for part in (series, times)]
+    noise = white_noise(*apart)
+    return None if noise is None else (noise, spacing)
 
 
 def _most(series: Sequence[np.ndarray]) -> float:
     """The noise that a moving channel may have and still show its motion."""
     return SETTINGS.of_motion * float(np.concatenate(series).std())
-
-
-def _apart(*channel: Sequence[np.ndarray], spacing: int) -> list[list[np.ndarray]]:
-    """Every so many-th sample of series and of their times, from each of the first ones on."""
-    return [[own[first::spacing] for own in part for first in range(spacing)] for part in channel]
 
 
 def white_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float | None:

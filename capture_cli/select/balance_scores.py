@@ -36,15 +36,10 @@ def screening_of(
         return None
 
 
-def score_in_balance(
-    screening: Screening, current: Fit, candidates: Sequence[Candidate], polished: int | None = None
-) -> None:
-    """Fill in the candidates' scores and where a refit with each begins, or why it is out.
-
-    polished: how many are fitted in the balance, as of `Screening.additions`.
-    """
+def score_in_balance(screening: Screening, current: Fit, candidates: Sequence[Candidate]) -> None:
+    """Fill in the candidates' scores and where a refit with each begins, or why it is out."""
     shapes_tried = Counter(a.placed.name for a in screening.atoms)
-    found = {a.placed.name: a for a in screening.additions(current.effects, current.values, polished)}
+    found = {a.placed.name: a for a in screening.additions(current.effects, current.values)}
     for candidate in candidates:
         candidate.fit = candidate.select = candidate.support = candidate.score = None
         candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None

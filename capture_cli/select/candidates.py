@@ -388,10 +388,13 @@ def _best_and_simplest(kind: Sequence[Candidate]) -> list[Candidate]:
     """`of_a_kind` of a `kind`, ranked by score: the two best, and what is simpler than these, which may be all that is
     there.
     """
-    first, others = list(kind[:2]), list(kind[2:])
-    sizes = {id(c): len(effect.parameters) for c in kind for _, effect in [c.placed]}
-    others.sort(key=lambda c: sizes[id(c)] >= sizes[id(first[0])])
-    return [*first, *others][: SETTINGS.of_a_kind]
+    others = sorted(kind[2:], key=lambda c: _size(c) >= _size(kind[0]))
+    return [*kind[:2], *others][: SETTINGS.of_a_kind]
+
+
+def _size(candidate: Candidate) -> int:
+    _, effect = candidate.placed
+    return len(effect.parameters)
 
 
 def _alike(a: Candidate, b: Candidate) -> bool:

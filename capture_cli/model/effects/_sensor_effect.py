@@ -27,11 +27,6 @@ from capture_cli.model.parameters import Parameter
 from capture_cli.model.quaternion_signs import QUATERNIONS, is_quaternion
 
 FAST_TURN = 5.0  # rad/s
-BEHIND_A_FILTER = (
-    "`ahead K`: what is reported of its number K, in the sensor's unit, over what it would be had motion before been "
-    "even; `rising K`, of second order: the same of its slope times `time_constant`. At 1 what that number commonly "
-    "changes within `time_constant`"
-)
 
 _S = mujoco.mjtSensor
 _JOINT = {_S.mjSENS_JOINTPOS: "position", _S.mjSENS_JOINTVEL: "speed", _S.mjSENS_JOINTACTFRC: "force"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.model.effects._sensor_effect import BEHIND_A_FILTER, TimeEffect
+from capture_cli.model.effects._sensor_filter import SensorFilter
 from capture_cli.model.parameters import Parameter
 
 
@@ -25,7 +25,7 @@ def low_passed(series, *, time_constant, timestep, ahead=0.0):
     return out
 
 
-class SensorLowPass(TimeEffect):
+class SensorLowPass(SensorFilter):
     """What is reported follows through a first-order lag of `time_constant` (s).
 
     Exact for a signal that is straight between grid points. What was reported before a simulation began is a state of
@@ -35,17 +35,7 @@ class SensorLowPass(TimeEffect):
     summary = "a sensor reports through a first-order low-pass filter"
     kernel = staticmethod(low_passed)
     parameters = (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
-
-    states_mean = BEHIND_A_FILTER
-
-    @property
-    def states(self):
-        return tuple(f"ahead {k}" for k in range(len(self.sizes)))
-
-    def measure(self, sensors, values, timestep, *, states=None, **_):
-        states = np.zeros(len(self.states)) if states is None else states
-        # within that time a signal may go as far as it commonly does in a second
-        return self.measured(sensors, values, timestep, ahead=values * self.sizes * states)
+    begins_with = ("ahead",)
 
     def undone(self, derivatives, values):
         value, slope, curvature = derivatives[:, 0], derivatives[:, 1], derivatives[:, 2]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.model.effects._lag import second_order_step
-from capture_cli.model.effects._sensor_effect import BEHIND_A_FILTER, TimeEffect
+from capture_cli.model.effects._sensor_filter import SensorFilter
 from capture_cli.model.parameters import Parameter
 
 
@@ -31,7 +31,7 @@ def second_order_low_passed(series, *, time_constant, damping_ratio, timestep, a
     return out
 
 
-class SensorSecondOrderLowPass(TimeEffect):
+class SensorSecondOrderLowPass(SensorFilter):
     """What is reported follows through a second-order lag of natural frequency 1 / `time_constant` (rad/s) and of
     `damping_ratio` (Butterworth: 0.71, Bessel: 0.87).
 
@@ -46,18 +46,7 @@ class SensorSecondOrderLowPass(TimeEffect):
         Parameter("time_constant", "s", 0.0, 0.1, 0.0),
         Parameter("damping_ratio", "1", 0.3, 1.5, 0.7),
     )
-
-    states_mean = BEHIND_A_FILTER
-
-    @property
-    def states(self):
-        return tuple(f"{state} {k}" for state in ("ahead", "rising") for k in range(len(self.sizes)))
-
-    def measure(self, sensors, values, timestep, *, states=None, **_):
-        states = np.zeros(len(self.states)) if states is None else states
-        # within that time a signal may go as far as it commonly does in a second
-        ahead, rising = np.split(values[:, :1] * np.tile(self.sizes, 2) * states, 2, axis=-1)
-        return self.measured(sensors, values, timestep, ahead=ahead, rising=rising)
+    begins_with = ("ahead", "rising")
 
     def undone(self, derivatives, values):
         value, slope, curvature = derivatives[:, 0], derivatives[:, 1], derivatives[:, 2]

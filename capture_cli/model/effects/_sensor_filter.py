@@ -1,0 +1,35 @@
+"""What sensors behind a low-pass filter share: what the filter remembers where a simulation begins."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from capture_cli.model.effects._sensor_effect import TimeEffect
+
+
+class SensorFilter(TimeEffect):
+    """A sensor reports through a filter whose first parameter is its `time_constant` (s).
+
+    begins_with: coefficients of the kernel, each a state for each of the sensor's numbers; at 0 of all of them it is as
+    if motion before had been even.
+    """
+
+    begins_with: ClassVar[tuple[str, ...]]
+    states_mean = (
+        "`ahead K`: what is reported of its number K, in the sensor's unit, over what it would be had motion before "
+        "been even; `rising K`, of second order: the same of its slope times `time_constant`. At 1 what that number "
+        "commonly changes within `time_constant`"
+    )
+
+    @property
+    def states(self):
+        return tuple(f"{name} {k}" for name in self.begins_with for k in range(len(self.sizes)))
+
+    def measure(self, sensors, values, timestep, *, states=None, **_):
+        states = np.zeros(len(self.states)) if states is None else states
+        count = len(self.begins_with)
+        # within that time a signal may go as far as it commonly does in a second
+        begun = np.split(values[:, :1] * np.tile(self.sizes, count) * states, count, axis=-1)
+        return self.measured(sensors, values, timestep, **dict(zip(self.begins_with, begun, strict=True)))
