@@ -262,8 +262,8 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
         ModelComparison.compare,
     )
 
-    def tagged(screening, current, candidates, polished=None):
-        score(screening, current, candidates, polished)
+    def tagged(screening, current, candidates):
+        score(screening, current, candidates)
         number = len(rounds)
         for candidate in candidates:
             # kept: an id is of one that lives
