@@ -13,12 +13,13 @@ from capture_cli.estimate.balance.trees import trees
 @frozen
 class SETTINGS:
     """sweeps: at most, over the joints of a tree, each of which holds against what the friction of the others leaves;
-    at each point they end where none changes by more than the share `settled` of its loss. impedance: as far as MuJoCo
-    lets it be.
+    at each point they end where none changes by more than the share `settled` of its loss. sure: standard deviations
+    beyond which a number is on one side of a limit. impedance: as far as MuJoCo lets it be.
     """
 
     sweeps: int = 30
-    settled: float = 1e-3
+    settled: float = 1e-5
+    sure: float = 8.0
     impedance: tuple[float, float] = (1e-4, 0.9999)
 
 
@@ -29,11 +30,13 @@ def dry_friction(
     velocity: np.ndarray,
     velocity_sd: np.ndarray,
     loss: np.ndarray,
+    near: np.ndarray | None = None,
 ) -> np.ndarray:
     """Generalised forces of friction (point, nv), the mean over velocities that are known with velocity_sd (nv,).
 
-    inverse (point, nv, nv): of the inertia; applied (point, nv): all other forces; loss (point, nv): frictionloss. With
-    A the diagonal of the inverse, R = (1 - d) / d times `dof_invweight0` and the reference acceleration -b v, each is
+    inverse (point, nv, nv): of the inertia; applied (point, nv): all other forces; loss (point, nv): frictionloss; near
+    (point, nv): where sweeps begin, all sliding where None. With A the diagonal of the inverse, R = (1 - d) / d times
+    `dof_invweight0` and the reference acceleration -b v, each is
 
         f = -(a + b v) / (A + R), no larger than its loss,
 
@@ -43,7 +46,8 @@ def dry_friction(
     """
     force, lanes = np.zeros_like(applied), {}
     damping, softness = _reference(model)
-    each = (damping * velocity, damping * velocity_sd, softness, applied, loss)
+    near = -np.sign(velocity) * loss if near is None else np.clip(near, -loss, loss)
+    each = (damping * velocity, damping * velocity_sd, softness, applied, loss, near)
     each = [np.broadcast_to(values, applied.shape) for values in each]
     for own in trees(model):
         rows = np.flatnonzero(loss[:, own].any(axis=1))
@@ -68,34 +72,37 @@ def _in_trees(
     softness: np.ndarray,
     applied: np.ndarray,
     loss: np.ndarray,
+    near: np.ndarray,
 ) -> np.ndarray:
     """As `dry_friction`, (lane, dof), each lane being a tree at a point.
 
     reference, reference_sd: b v, and how well it is known; softness: R.
     """
-    force = np.zeros_like(applied)
+    found = near.copy()
     moved = np.flatnonzero(loss.any(axis=0))
-    free = (inverse @ applied[..., None])[..., 0]
-    diagonal = inverse.diagonal(axis1=1, axis2=2)
-    total = diagonal + softness
-    sd = reference_sd / total
-    left: np.ndarray | slice = slice(None)
-    for sweep in range(SETTINGS.sweeps if moved.size > 1 else 1):
-        here, before = inverse[left], force[left]
-        found = before.copy()
-        acceleration = free[left] + (here @ before[..., None])[..., 0] if sweep else free.copy()
+    left = np.arange(len(found))
+    # lanes last, so that what is worked out for all of them at once is in one piece
+    inverse = np.ascontiguousarray(inverse.transpose(1, 2, 0))
+    reference, loss, force = (np.ascontiguousarray(a.T) for a in (reference, loss, near))
+    total = np.einsum("ddl->dl", inverse) + softness.T
+    sd = reference_sd.T / total
+    acceleration = np.einsum("ijl,jl->il", inverse, applied.T + force)
+    for _ in range(SETTINGS.sweeps if moved.size > 1 else 1):
+        before = force.copy()
         for dof in moved:
-            without = acceleration[:, dof] - diagonal[left, dof] * found[:, dof]
-            wanted = -(without + reference[left, dof]) / total[left, dof]
-            held = _limited(wanted, sd[left, dof], loss[left, dof])
-            acceleration += here[:, :, dof] * (held - found[:, dof])[:, None]
-            found[:, dof] = held
-        more = (np.abs(found - before) > SETTINGS.settled * loss[left]).any(axis=1)
-        force[left] = found
-        left = np.arange(len(force))[left][more]
+            without = acceleration[dof] - inverse[dof, dof] * force[dof]
+            held = _limited(-(without + reference[dof]) / total[dof], sd[dof], loss[dof])
+            acceleration += inverse[:, dof] * (held - force[dof])
+            force[dof] = held
+        found[left] = force.T
+        more = (np.abs(force - before) > SETTINGS.settled * loss).any(axis=0)
+        left = left[more]
         if not left.size:
             break
-    return force
+        inverse, reference, loss, force, total, sd, acceleration = (
+            a[..., more] for a in (inverse, reference, loss, force, total, sd, acceleration)
+        )
+    return found
 
 
 def _reference(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
@@ -109,11 +116,15 @@ def _reference(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
 
 def _limited(mean: np.ndarray, sd: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """The mean of a normal number, cut off at +- limit: (point,) each."""
+    found = np.clip(mean, -limit, limit)
+    near = np.flatnonzero(np.abs(np.abs(mean) - limit) < SETTINGS.sure * sd)
+    mean, sd, limit = mean[near], sd[near], limit[near]
     sd = np.maximum(sd, 1e-12 * np.maximum(limit, np.finfo(float).tiny))
     low, high = (-limit - mean) / sd, (limit - mean) / sd
     below = ndtr(low)
     inside = mean * (ndtr(high) - below) + sd * (_density(low) - _density(high))
-    return inside + limit * (ndtr(-high) - below)
+    found[near] = inside + limit * (ndtr(-high) - below)
+    return found
 
 
 def _density(x: np.ndarray) -> np.ndarray:
