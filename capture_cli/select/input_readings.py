@@ -157,6 +157,9 @@ def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads
             return held
         if changing.is_surely_better_than(held) and changing.model.beyond_noise < SETTINGS.else_missing:
             return changing
+    explaining = _explaining(held, changing, prepared_as, threads)
+    if explaining is not None:
+        return explaining
     largest = [list(grown(r.screening, (), (), 2, settings=NARROW))[-1:] for r in both]
     held, changing = (replace(r, model=m[0].best) if m else r for r, m in zip(both, largest, strict=True))
     held, changing = held.with_best_of([changing]), changing.with_best_of([held])
@@ -164,6 +167,22 @@ def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads
         return held
     other = changing.likelier() if changing.hold == EVENLY else None
     return _best_fit(held, [changing] if other is None else [changing, other], prepared_as, threads)
+
+
+def _explaining(
+    held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None
+) -> Reading | None:
+    """The reading whose model, fitted by simulations, explains the log: then nothing else is missing. None where there
+    is none. One that is surely better in the balance is asked alone; of two that explain the log inputs that change
+    have to be clearly better.
+    """
+    sure = [a for a, b in ((held, changing), (changing, held)) if a.is_surely_better_than(b)]
+    fits = [(r, _fit(r, r.model, prepared_as(r.task), threads)) for r in sure or (held, changing)]
+    found = [(r, fit) for r, fit in fits if fit is not None and fit.error**2 - 1 < SETTINGS.asked_again]
+    if not found:
+        return None
+    (first, before), (last, after) = found[0], found[-1]
+    return last if _sure_gain(before, after) > COMPARISON.clearly_better else first
 
 
 def _read(unread: Task, hold: Hold) -> Task:
