@@ -31,7 +31,7 @@ from capture_cli.estimate.balance.dry_friction import dry_friction
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.recorded_world import AT_JOINTS, OF_INERTIA, RecordedWorld
 from capture_cli.estimate.balance.resting import mass_matrix
-from capture_cli.estimate.balance.trees import in_whole_trees, inverse_of, solved
+from capture_cli.estimate.balance.trees import in_whole_trees, inverse_of, made_heavier, solved
 from capture_cli.log.input_sequences import Hold, LoggedInputs
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._followed_force import FollowedForce
@@ -634,6 +634,12 @@ class ForceBalance:
         """What dry friction works against, (point, nv, nv), from mjData.M at the points `here`."""
         return inverse_of(model, self._holding(mass_matrix(model, packed), here))
 
+    def _inverse_felt(
+        self, model: mujoco.MjModel, packed: np.ndarray, here: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
+        """Of what accelerations are solved with, (point, nv, nv), from mjData.M at the points `here`."""
+        return inverse_of(model, self._holding(_felt(model, packed), here))
+
     def _friction(
         self,
         model: mujoco.MjModel,
@@ -670,17 +676,21 @@ class ForceBalance:
         return Accelerations(np.zeros_like(self.state[1]), change)
 
     def _accelerated(
-        self, acts: np.ndarray, loss: np.ndarray, inertia: np.ndarray, here: np.ndarray | slice = slice(None)
+        self,
+        acts: np.ndarray,
+        loss: np.ndarray,
+        inverse: np.ndarray,
+        felt: np.ndarray,
+        here: np.ndarray | slice = slice(None),
     ) -> np.ndarray:
         """Accelerations (point, nv) where forces `acts` (point, nv) come in beside those of the model, frictionloss is
-        `loss` (point, nv), and mjData.M `inertia`.
+        `loss` (point, nv), and these are the inverses (point, nv, nv) of what dry friction works against and of what
+        accelerations are solved with.
         """
         applied = (self._null.applied - self._null.friction)[here] + acts
         state = tuple(s[here] for s in self.state)
-        inverse = self._inverse_mass(self._model, inertia, here)
         applied += self._friction(self._model, inverse, applied, loss, state, here)
-        felt = self._holding(_felt(self._model, inertia), here)
-        return solved(self._model, felt, np.where(self.at_rest[here], state[2], applied))
+        return (felt @ np.where(self.at_rest[here], state[2], applied)[..., None])[..., 0]
 
     def _friction_changed(
         self, acts: np.ndarray, loss: np.ndarray, here: np.ndarray | slice = slice(None)
@@ -707,6 +717,11 @@ class ForceBalance:
     def _own_inverse_mass(self) -> np.ndarray:
         """Of the model as it is, (point, nv, nv)."""
         return self._inverse_mass(self._model, self._null.inertia)
+
+    @cached_property
+    def _own_inverse_felt(self) -> np.ndarray:
+        """Of the model as it is, (point, nv, nv)."""
+        return self._inverse_felt(self._model, self._null.inertia)
 
     def _of_followed(self, effect: Effect, values: np.ndarray) -> list[Accelerations]:
         """Of forces that remember: they are led along the motion, all stretches and variants side by side."""
@@ -767,13 +782,12 @@ class ForceBalance:
         """Accelerations (lane, nv) by forces `acts` at the points `index` (lane,), with frictionloss `loss`, where the
         inertia of each coordinate is larger by `heavier`, (lane, nv) each.
         """
-        diagonal = self._model.M_rowadr + self._model.M_rownnz - 1  # a row of mjData.M ends with it
         parts = []
         for some in np.array_split(np.arange(len(index)), -(-len(index) // SETTINGS.lanes)):
             here = index[some]
-            inertia = self._null.inertia[here]
-            inertia[:, diagonal] += heavier[some]
-            free = self._accelerated(acts[some], loss[some], inertia, here)
+            more = heavier[some] * ~self.at_rest[here]
+            own = self._own_inverse_mass[here], self._own_inverse_felt[here]
+            free = self._accelerated(acts[some], loss[some], *(made_heavier(i, more) for i in own), here)
             parts.append(self._resting(free, self._null.pushed[here]) - self.null.predicted[here])
         return np.concatenate(parts)
 
@@ -815,7 +829,11 @@ class ForceBalance:
             given, loss[k] = actuators.copy(), friction
             acts[k] = smooth - smooth_alone[here] - (damping - self._model.dof_damping) * step * qacc[here]
             if world.changes(but=(*APPLIED, *AT_JOINTS, *_OF_ACTUATORS)):
-                free = self._accelerated(acts[k], loss[k], inertia, here)
+                own = (
+                    inverse(self._model, inertia, here)
+                    for inverse in (self._inverse_mass, self._inverse_felt)
+                )
+                free = self._accelerated(acts[k], loss[k], *own, here)
                 otherwise[k] = self._resting(free, self._null.pushed[here]) - self.null.predicted[here]
         led = self._led(acts, loss, index)
         for k, accelerations in otherwise.items():
@@ -837,13 +855,12 @@ class ForceBalance:
         """What forces see at the points, and the forces of the model there and its inverse inertia."""
         model = self._model
         runner = self._runner(model)
-        smooth, inertia = runner.bind("qfrc_smooth"), runner.bind("M")
+        smooth = runner.bind("qfrc_smooth")
         self._forward(runner, self.state[0], self._begins, self.controls)
         world = World(runner, np.arange(len(self.points)))
         world.qacc = self.null.predicted
         world.stepped = True
-        inverse = inverse_of(model, self._holding(_felt(model, inertia)))
-        inverse *= ~self.at_rest[:, None, :]
+        inverse = self._own_inverse_felt * ~self.at_rest[:, None, :]
         return world, self._yielding(inverse), smooth.copy()
 
     def _yielding(self, inverse: np.ndarray) -> np.ndarray:

@@ -20,6 +20,17 @@ def inverse_of(model: mujoco.MjModel, matrices: np.ndarray) -> np.ndarray:
     return inverse
 
 
+def made_heavier(inverse: np.ndarray, heavier: np.ndarray) -> np.ndarray:
+    """The inverse (point, nv, nv) of matrices whose diagonal is larger by `heavier` (point, nv), by the formula of
+    Sherman and Morrison.
+    """
+    for dof in np.flatnonzero(heavier.any(axis=0)):
+        more = heavier[:, dof]
+        share = more / (1 + more * inverse[:, dof, dof])
+        inverse = inverse - share[:, None, None] * inverse[:, :, dof, None] * inverse[:, None, dof]
+    return inverse
+
+
 def solved(model: mujoco.MjModel, matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """What such matrices map to the vectors (point, nv)."""
     found = np.zeros_like(vectors)
