@@ -48,10 +48,13 @@ def test_time_left_follows_from_what_came_before(clock):
     progress.part("score", 2, 10)
     assert progress.said() == "score 3 of 10, 16 s left of these"
     clock[0] = 108.0  # the third takes longer than those before it, and so may the others
-    assert progress.said() == "score 3 of 10, 32 s left of these"
+    assert progress.said() == "score 3 of 10, 28 s left of these"
+    progress.part("score", 9, 10)
+    clock[0] = 130.0
+    assert progress.said() == "score 10 of 10, for 22 s"
     progress.part("refit", 0, 5, "; found drag@j")
     assert progress.said() == "refit 1 of 5; found drag@j"
-    assert progress.count == 3
+    assert progress.count == 4
 
 
 def test_what_stands_still_says_for_how_long(clock):

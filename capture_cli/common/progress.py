@@ -30,13 +30,14 @@ class _Doing:
     total: int = 0
 
     def at(self, now: float) -> str:
-        """In words, with how long it lasts already, or how long, by those before, the rest will take."""
-        if self.done:
-            left = (now - self.first) / self.done * (self.total - self.done)
-            return self.text + (f", {left:.0f} s left of these" if left >= SETTINGS.long else "")
-        return self.text + (
-            f", for {now - self.since:.0f} s" if now - self.since >= SETTINGS.plain_every else ""
-        )
+        """In words, with how long, by those before, the rest will take, or how long it lasts already."""
+        lasts, left = now - self.since, 0.0
+        if self.done:  # what takes longer than those before it, may be as long as the others will be
+            each = max((self.since - self.first) / self.done, lasts)
+            left = each * (self.total - self.done) - lasts
+        if left >= SETTINGS.long:
+            return f"{self.text}, {left:.0f} s left of these"
+        return self.text + (f", for {lasts:.0f} s" if lasts >= SETTINGS.plain_every else "")
 
 
 class Progress:
