@@ -376,6 +376,16 @@ def test_of_bodies_that_are_fixed_to_each_other_a_payload_is_looked_for_at_the_f
     assert link.space.high[1] >= 1.5, "as far as for what its hand carries"
 
 
+def test_a_light_flange_may_carry_a_heavy_tool():
+    model = build("""
+        <mujoco><worldbody><body><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 .5" size=".04" mass="4"/>
+          <body name="flange" pos="0 0 .5"><joint axis="1 0 0"/><geom size=".02" mass=".1"/></body>
+        </body></worldbody></mujoco>""")
+    space = effects.REGISTRY.get("payload")(model, "flange").space
+    assert space.high[0] == pytest.approx(2 * 4.1)
+    assert space.low[1:].max() <= -0.25 and space.high[1:].min() >= 0.25
+
+
 def test_several_payloads_are_one_where_their_centre_is():
     effect = effects.REGISTRY.get("payload")(machine("arm"), "fore")
     shapes = effect.shape_grid()

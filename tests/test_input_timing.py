@@ -7,6 +7,7 @@ from functools import partial
 
 import pytest
 from balances import Made
+from setting_numbers import set_numbers
 
 from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
 from capture_cli.common.progress import Progress
@@ -109,6 +110,22 @@ def test_what_leaves_far_more_than_noise_is_told_by_what_is_likelier():
     few = [c for c in all_candidates(prepared) if c.placed.kind in LIKE_A_GAIN]
     found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
     assert [t.hold for t in found] == [Hold(4.0)] * 2
+
+
+def test_no_two_effects_are_asked_where_one_explains_the_log(monkeypatch):
+    def grown(*_, **__):
+        raise AssertionError("pairs were asked")
+
+    monkeypatch.setattr(input_readings, "grown", grown)
+    set_numbers(
+        monkeypatch, input_readings, else_missing=0.0
+    )  # the balance leaves more than noise, whatever is in
+    name = "coulomb-friction@x"
+    task, log, _ = Case(PLANTED, "cart_pole", (name,), 3.0, 3, episodes=6).build()
+    prepared = prepare(log, task, **QUIET)
+    few = [c for c in all_candidates(prepared) if c.name == name]
+    found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
+    assert [t.hold for t in found] == [HELD]
 
 
 def test_simulations_tell_where_the_balance_is_not_sure(monkeypatch):
