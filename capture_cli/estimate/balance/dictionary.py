@@ -71,12 +71,6 @@ class Atom:
         """How large a coefficient of each column may be beforehand, (column,)."""
         return np.resize(self.known, len(self.amplitudes) + self.apart)
 
-    def is_times(self, other: Atom, times: float) -> bool:
-        """Whether it takes so many times the other's steps of the amplitudes, at the same values."""
-        return np.array_equal(self.values, other.values) and np.allclose(
-            self.unit, times * other.unit, rtol=1e-9, atol=0.0
-        )
-
     def alone(self, columns: Sequence[Accelerations]) -> Iterator[tuple[Atom, list[Accelerations]]]:
         """Each amplitude by itself, the others null, where there are several and not every sign is allowed."""
         space, own = self.placed.effect.space, list(self.amplitudes)
@@ -151,9 +145,10 @@ def atoms(
         found += _resolved(balance, placed, found, amplitudes, shares, settings)
     if effect.mixes and len(found) > 1:
         yield _mixture(found)
+    at_steps = {(atom.values.tobytes(), atom.share): columns for atom, columns in found}
     for atom, columns in found:
-        reverse = [c for a, c in found if a.is_times(atom, -1.0)]
-        if reverse and not _is_reverse(columns, reverse[0], settings.linear):
+        reverse = at_steps.get((atom.values.tobytes(), -atom.share))
+        if reverse and not _is_reverse(columns, reverse, settings.linear):
             atom = replace(atom, one_way=True)
         elif reverse and atom.unit[0] < 0:
             continue
