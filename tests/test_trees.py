@@ -8,7 +8,7 @@ import pytest
 
 from capture_cli.estimate.balance.dry_friction import dry_friction
 from capture_cli.estimate.balance.resting import mass_matrix
-from capture_cli.estimate.balance.trees import in_whole_trees, inverse_of, solved, trees
+from capture_cli.estimate.balance.trees import in_whole_trees, inverse_of, made_heavier, solved, trees
 
 LIMB = """<body pos="{at} 0 0"><joint name="a{at}" axis="0 1 0" frictionloss="0.3"/>
 <geom size=".03" pos="0 0 -.2" mass=".2"/><body pos="0 0 -.3"><joint name="b{at}" axis="0 1 0" frictionloss="0.1"/>
@@ -48,6 +48,14 @@ def test_matrices_fall_into_blocks(model, inertia):
     which = np.array([[False, True, False, False, False], [False, False, False, False, False]])
     np.testing.assert_array_equal(
         in_whole_trees(model, which), [[True, True, False, False, False], [False] * 5]
+    )
+
+
+def test_an_inverse_follows_larger_inertias(inertia):
+    heavier = np.random.default_rng(3).uniform(-0.002, 0.1, size=inertia.shape[:2]) * [1, 0, 1, 1, 0]
+    larger = inertia + heavier[..., None] * np.eye(inertia.shape[-1])
+    np.testing.assert_allclose(
+        made_heavier(np.linalg.inv(inertia), heavier), np.linalg.inv(larger), rtol=1e-9
     )
 
 

@@ -36,8 +36,8 @@ class Payload(ObjectEffect):
             b for b in moving_bodies(model) if model.body_weldid[b] == model.body_weldid[self.number]
         ]
         root = model.body_rootid[self.number]
-        self.carriers = [b for b in moving_bodies(model) if model.body_rootid[b] == root]
-        largest = max(reach(model, b, model.body_ipos[b]) for b in self.carriers)
+        self.tree = [b for b in moving_bodies(model) if model.body_rootid[b] == root]
+        largest = max(reach(model, b, model.body_ipos[b]) for b in self.tree)
         self.farthest = max(largest, *(self._farthest(b) for b in self.fixed))
         # of a body that was compiled as `simple` MuJoCo cannot move the centre; those of a task never are
         shows = turning_joints(model, self.number) and not model.body_simple[self.number]
@@ -54,7 +54,7 @@ class Payload(ObjectEffect):
     @property
     def parameters(self):
         # a tool may weigh many times what the flange does, not more than the machine
-        mass = Parameter("mass", "kg", 0.0, 2 * float(self.model.body_mass[self.carriers].sum()), 0.0)
+        mass = Parameter("mass", "kg", 0.0, 2 * float(self.model.body_mass[self.tree].sum()), 0.0)
         places = (Parameter("xyz"[i], "m", -self.farthest, self.farthest, self.centre[i]) for i in self.axes)
         return (mass, *places)
 
