@@ -42,15 +42,6 @@ def test_it_is_what_the_solver_gives(of_a):
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
-def test_it_is_the_same_wherever_its_sweeps_begin():
-    model = mujoco.MjModel.from_xml_string(ARM.format(of_a=""))
-    inverse, applied, velocity, _ = states(model)
-    loss, sd = np.repeat(model.dof_frictionloss[None], len(applied), axis=0), np.full(model.nv, 0.02)
-    near = np.random.default_rng(1).uniform(-1, 1, size=loss.shape)
-    found, other = (dry_friction(model, inverse, applied, velocity, sd, loss, n) for n in (None, near))
-    np.testing.assert_allclose(found, other, atol=1e-4 * loss.max())
-
-
 def test_of_velocities_that_are_not_known_it_is_the_mean():
     model = mujoco.MjModel.from_xml_string(ARM.format(of_a=""))
     inverse, applied, velocity, _ = (own[:5] for own in states(model))

@@ -18,7 +18,7 @@ class SETTINGS:
     """
 
     sweeps: int = 30
-    settled: float = 1e-5
+    settled: float = 1e-3
     sure: float = 8.0
     impedance: tuple[float, float] = (1e-4, 0.9999)
 
@@ -30,13 +30,11 @@ def dry_friction(
     velocity: np.ndarray,
     velocity_sd: np.ndarray,
     loss: np.ndarray,
-    near: np.ndarray | None = None,
 ) -> np.ndarray:
     """Generalised forces of friction (point, nv), the mean over velocities that are known with velocity_sd (nv,).
 
-    inverse (point, nv, nv): of the inertia; applied (point, nv): all other forces; loss (point, nv): frictionloss; near
-    (point, nv): where sweeps begin, all sliding where None. With A the diagonal of the inverse, R = (1 - d) / d times
-    `dof_invweight0` and the reference acceleration -b v, each is
+    inverse (point, nv, nv): of the inertia; applied (point, nv): all other forces; loss (point, nv): frictionloss. With
+    A the diagonal of the inverse, R = (1 - d) / d times `dof_invweight0` and the reference acceleration -b v, each is
 
         f = -(a + b v) / (A + R), no larger than its loss,
 
@@ -46,8 +44,7 @@ def dry_friction(
     """
     force, lanes = np.zeros_like(applied), {}
     damping, softness = _reference(model)
-    near = -np.sign(velocity) * loss if near is None else np.clip(near, -loss, loss)
-    each = (damping * velocity, damping * velocity_sd, softness, applied, loss, near)
+    each = (damping * velocity, damping * velocity_sd, softness, applied, loss)
     each = [np.broadcast_to(values, applied.shape) for values in each]
     for own in trees(model):
         rows = np.flatnonzero(loss[:, own].any(axis=1))
@@ -72,18 +69,17 @@ def _in_trees(
     softness: np.ndarray,
     applied: np.ndarray,
     loss: np.ndarray,
-    near: np.ndarray,
 ) -> np.ndarray:
     """As `dry_friction`, (lane, dof), each lane being a tree at a point.
 
     reference, reference_sd: b v, and how well it is known; softness: R.
     """
-    found = near.copy()
+    found, left = np.zeros_like(applied), np.arange(len(applied))
     moved = np.flatnonzero(loss.any(axis=0))
-    left = np.arange(len(found))
     # lanes last, so that what is worked out for all of them at once is in one piece
     inverse = np.ascontiguousarray(inverse.transpose(1, 2, 0))
-    reference, loss, force = (np.ascontiguousarray(a.T) for a in (reference, loss, near))
+    reference, loss = (np.ascontiguousarray(a.T) for a in (reference, loss))
+    force = -np.sign(reference) * loss  # sliding, as most do
     total = np.einsum("ddl->dl", inverse) + softness.T
     sd = reference_sd.T / total
     acceleration = np.einsum("ijl,jl->il", inverse, applied.T + force)

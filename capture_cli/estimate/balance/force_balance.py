@@ -656,9 +656,7 @@ class ForceBalance:
         rest = self.at_rest[here]
         begins = state[1] - self._half * state[2]
         driven = np.where(rest, state[2], applied)
-        loss = np.where(rest, 0.0, loss)
-        near = self._null.friction[here] if "_null" in self.__dict__ else None
-        return dry_friction(model, inverse, driven, begins, self.speed_sd, loss, near)
+        return dry_friction(model, inverse, driven, begins, self.speed_sd, np.where(rest, 0.0, loss))
 
     def _of_force(self, effect: Effect, values: np.ndarray) -> Accelerations:
         """Of a force that does not remember: every point is a step of its own."""
