@@ -22,12 +22,12 @@ def rotate(vectors: np.ndarray, rotation: np.ndarray) -> np.ndarray:
 
 def rotate_quaternions(quaternions: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Unit quaternions (..., 4) turned, in the world, by the rotation vectors (..., 3), in rad."""
-    return _product(_turn(rotation), quaternions)
+    return product(_turn(rotation), quaternions)
 
 
 def rotate_in_own_frame(quaternions: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Unit quaternions (..., 4) turned, in their own frames, by the rotation vectors (..., 3), in rad."""
-    return _product(quaternions, _turn(rotation))
+    return product(quaternions, _turn(rotation))
 
 
 def _turn(rotation: np.ndarray) -> np.ndarray:
@@ -36,8 +36,8 @@ def _turn(rotation: np.ndarray) -> np.ndarray:
     return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * rotation], axis=-1)
 
 
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Quaternions (..., 4)."""
+def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Of quaternions (..., 4): the rotation b, then a."""
     w, v, x, u = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
     return np.concatenate(
         [w * x - (v * u).sum(axis=-1, keepdims=True), w * u + x * v + np.cross(v, u)], axis=-1

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.effects._places import ObjectEffect
-from capture_cli.model.effects._rotation import body_vectors
+from capture_cli.model.effects._rotation import body_vectors, product
 from capture_cli.model.effects._scales import moving_bodies
 from capture_cli.model.effects._turning_axes import axes_that_show, reach, turning_joints
 from capture_cli.model.effects.base import GLOBAL
@@ -117,18 +117,32 @@ def _add_spread(fields: ModelFields, body: int, mass: np.ndarray, apart: np.ndar
     length = np.linalg.norm(apart, axis=1)
     along_axis = (np.abs(local) >= ALIGNED * length[:, None]).any(axis=1)
     moments[along_axis] += np.diagonal(added, axis1=1, axis2=2)[along_axis]
-    for row in np.flatnonzero(~along_axis & (mass != 0)):
-        moments[row], turn = _principal(np.diag(moments[row]) + added[row])
-        mujoco.mju_mulQuat(quaternion := np.empty(4), fields["body_iquat"][row, body], turn)
-        fields["body_iquat"][row, body] = quaternion
+    rows = np.flatnonzero(~along_axis & (mass != 0))
+    if not rows.size:
+        return
+    moments[rows], turns = _principal(moments[rows, :, None] * np.eye(3) + added[rows])
+    quaternions = fields["body_iquat"][:, body]
+    quaternions[rows] = product(quaternions[rows], turns)
 
 
 def _principal(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Moments (3,) and orientation (4,) of the principal frame that is turned least from the present one."""
+    """Moments (row, 3) and orientations (row, 4) of the principal frames of inertias (row, 3, 3), those that are turned
+    least from the present ones.
+    """
+    from scipy.spatial.transform import Rotation
+
     moments, vectors = np.linalg.eigh(inertia)
-    order = max(itertools.permutations(range(3)), key=lambda p: np.abs(np.diagonal(vectors[:, p])).sum())
-    vectors = vectors[:, order] * np.sign(np.diagonal(vectors[:, order]) + 1e-300)
-    if np.linalg.det(vectors) < 0:
-        vectors[:, np.argmin(np.abs(np.diagonal(vectors)))] *= -1
-    mujoco.mju_mat2Quat(turn := np.empty(4), np.ascontiguousarray(vectors).ravel())
-    return moments[list(order)], turn
+    orders = np.array(list(itertools.permutations(range(3))))
+    straight = np.abs(vectors[:, range(3), orders]).sum(axis=-1)  # (row, order)
+    order = orders[straight.argmax(axis=1)]
+    moments = np.take_along_axis(moments, order, axis=1)
+    vectors = np.take_along_axis(vectors, order[:, None], axis=2)
+    vectors *= np.where(_diagonal(vectors) < 0, -1.0, 1.0)[:, None]
+    mirrored = np.flatnonzero(np.linalg.det(vectors) < 0)
+    vectors[mirrored, :, np.abs(_diagonal(vectors[mirrored])).argmin(axis=1)] *= -1
+    return moments, np.roll(Rotation.from_matrix(vectors).as_quat(), 1, axis=1)  # w first
+
+
+def _diagonal(matrices: np.ndarray) -> np.ndarray:
+    """(row, 3)"""
+    return np.diagonal(matrices, axis1=1, axis2=2)
