@@ -117,9 +117,8 @@ def test_no_two_effects_are_asked_where_one_explains_the_log(monkeypatch):
         raise AssertionError("pairs were asked")
 
     monkeypatch.setattr(input_readings, "grown", grown)
-    set_numbers(
-        monkeypatch, input_readings, else_missing=0.0
-    )  # the balance leaves more than noise, whatever is in
+    # the balance leaves more than noise, whatever is in
+    set_numbers(monkeypatch, input_readings, else_missing=0.0)
     name = "coulomb-friction@x"
     task, log, _ = Case(PLANTED, "cart_pole", (name,), 3.0, 3, episodes=6).build()
     prepared = prepare(log, task, **QUIET)

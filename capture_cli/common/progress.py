@@ -32,7 +32,7 @@ class _Doing:
     def at(self, now: float) -> str:
         """In words, with how long, by those before, the rest will take, or how long it lasts already."""
         lasts, left = now - self.since, 0.0
-        if self.done:  # what takes longer than those before it, may be as long as the others will be
+        if self.done:  # where this one takes longer than those before it, so may the others
             each = max((self.since - self.first) / self.done, lasts)
             left = each * (self.total - self.done) - lasts
         if left >= SETTINGS.long:

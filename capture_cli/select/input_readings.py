@@ -177,8 +177,7 @@ def _explaining(
     have to be clearly better.
     """
     sure = [a for a, b in ((held, changing), (changing, held)) if a.is_surely_better_than(b)]
-    fits = [(r, _fit(r, r.model, prepared_as(r.task), threads)) for r in sure or (held, changing)]
-    found = [(r, fit) for r, fit in fits if fit is not None and fit.error**2 - 1 < SETTINGS.asked_again]
+    found = _that_explain(sure or (held, changing), SETTINGS.asked_again, prepared_as, threads)
     if not found:
         return None
     (first, before), (last, after) = found[0], found[-1]
@@ -196,14 +195,23 @@ def _best_fit(
     """That of the others which, each with its model fitted by simulations, explains the log and is clearly better than
     the first: the effect that is in may not be the right one, so a little better is not enough.
     """
-    fits = [(r, _fit(r, r.model, prepared_as(r.task), threads)) for r in others]
-    explaining = [(r, fit) for r, fit in fits if fit is not None and fit.error**2 - 1 < SETTINGS.else_missing]
+    explaining = _that_explain(others, SETTINGS.else_missing, prepared_as, threads)
     if not explaining:
         return held
     before = _fit(held, held.model, prepared_as(held.task), threads, escapes=True)
     gains = [np.inf if before is None else _sure_gain(before, fit) for _, fit in explaining]
     best = int(np.argmax(gains))
     return explaining[best][0] if gains[best] > COMPARISON.clearly_better else held
+
+
+def _that_explain(
+    readings: Sequence[Reading], beyond: float, prepared_as: PreparedAs, threads: int | None
+) -> list[tuple[Reading, Fit]]:
+    """The readings whose models, fitted by simulations, leave no more variance beyond the noise floor's than `beyond`
+    times that.
+    """
+    fits = [(r, _fit(r, r.model, prepared_as(r.task), threads)) for r in readings]
+    return [(r, fit) for r, fit in fits if fit is not None and fit.error**2 - 1 < beyond]
 
 
 def _nearest_fit(best: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:

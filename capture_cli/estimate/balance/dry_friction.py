@@ -115,7 +115,6 @@ def _limited(mean: np.ndarray, sd: np.ndarray, limit: np.ndarray) -> np.ndarray:
     found = np.clip(mean, -limit, limit)
     near = np.flatnonzero(np.abs(np.abs(mean) - limit) < SETTINGS.sure * sd)
     mean, sd, limit = mean[near], sd[near], limit[near]
-    sd = np.maximum(sd, 1e-12 * np.maximum(limit, np.finfo(float).tiny))
     low, high = (-limit - mean) / sd, (limit - mean) / sd
     below = ndtr(low)
     inside = mean * (ndtr(high) - below) + sd * (_density(low) - _density(high))

@@ -679,11 +679,11 @@ class ForceBalance:
         loss: np.ndarray,
         inverse: np.ndarray,
         felt: np.ndarray,
-        here: np.ndarray | slice = slice(None),
+        here: np.ndarray,
     ) -> np.ndarray:
-        """Accelerations (point, nv) where forces `acts` (point, nv) come in beside those of the model, frictionloss is
-        `loss` (point, nv), and these are the inverses (point, nv, nv) of what dry friction works against and of what
-        accelerations are solved with.
+        """Accelerations (point, nv) at the points `here`, where forces `acts` (point, nv) come in beside those of the
+        model, frictionloss is `loss` (point, nv), and inverse, felt (point, nv, nv) are the inverses of what dry
+        friction works against and of what accelerations are solved with.
         """
         applied = (self._null.applied - self._null.friction)[here] + acts
         state = tuple(s[here] for s in self.state)

@@ -27,10 +27,10 @@ class InputTimingSettings:
     """blocks: that are left out in turn. sure: standard errors over blocks by which one reading has to be better, and
     least: of predictive log likelihood; otherwise inputs stay as they were read. else_missing: of the variance of the
     sensors' noise in rows, how much more the model may be wrong by: beyond it something else is missing, which may look
-    like another timing. asked_again: beyond which an effect may tell of another timing than the declared model alone.
-    hopeless: by how much more with one effect in it two are not asked. most: commands from row to row that are told
-    from an even change. early: rows, by which an input acts before its own where that is looked for, and earliest, up
-    to which it is; finest: in which steps.
+    like another timing. asked_again: beyond which an effect may tell of another timing than the declared model alone,
+    and within which a fit with one leaves nothing to ask. hopeless: by how much more with one effect in it two are not
+    asked. most: commands from row to row that are told from an even change. early: rows, by which an input acts before
+    its own where that is looked for, and earliest, up to which it is; finest: in which steps.
     """
 
     blocks: int = 12

@@ -32,11 +32,9 @@ class Payload(ObjectEffect):
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
         self.centre = model.body_ipos[self.number].copy()
-        self.fixed = [
-            b for b in moving_bodies(model) if model.body_weldid[b] == model.body_weldid[self.number]
-        ]
-        root = model.body_rootid[self.number]
+        root, weld = model.body_rootid[self.number], model.body_weldid[self.number]
         self.tree = [b for b in moving_bodies(model) if model.body_rootid[b] == root]
+        self.fixed = [b for b in self.tree if model.body_weldid[b] == weld]
         largest = max(reach(model, b, model.body_ipos[b]) for b in self.tree)
         self.farthest = max(largest, *(self._farthest(b) for b in self.fixed))
         # of a body that was compiled as `simple` MuJoCo cannot move the centre; those of a task never are
@@ -53,7 +51,7 @@ class Payload(ObjectEffect):
 
     @property
     def parameters(self):
-        # a tool may weigh many times what the flange does, not more than the machine
+        # a tool may weigh many times what its flange does: the range follows from the machine
         mass = Parameter("mass", "kg", 0.0, 2 * float(self.model.body_mass[self.tree].sum()), 0.0)
         places = (Parameter("xyz"[i], "m", -self.farthest, self.farthest, self.centre[i]) for i in self.axes)
         return (mass, *places)
@@ -116,7 +114,7 @@ def _add_spread(fields: ModelFields, body: int, mass: np.ndarray, apart: np.ndar
     moments = fields["body_inertia"][:, body]
     length = np.linalg.norm(apart, axis=1)
     along_axis = (np.abs(local) >= ALIGNED * length[:, None]).any(axis=1)
-    moments[along_axis] += np.diagonal(added, axis1=1, axis2=2)[along_axis]
+    moments[along_axis] += _diagonal(added)[along_axis]
     rows = np.flatnonzero(~along_axis & (mass != 0))
     if not rows.size:
         return
