@@ -12,6 +12,7 @@ from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.prepared_log import SETTINGS as PREPARED_LOG
 from capture_cli.estimate.solve.linearization import Linearization, columns
 from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.effects.placed import Placed
 
 
@@ -42,12 +43,20 @@ def off(found: Linearization, exact: Linearization) -> np.ndarray:
         ("cart_pole", "viscous-damping@theta.damping=0.02"),
         ("arm", "payload@upper.mass=0.2"),
         ("finger", "friction-hardness@mcp.hardness=2"),
+        # forces that remember
+        ("slider", "hysteretic-friction@x.friction=0.3"),
+        ("arm", "compliance@elbow.compliance=0.02"),
+        ("slider", "viscoelastic-spring@x.stiffness=3"),
+        ("slider", "loose-mass@x.mass=0.2"),
+        ("cart_pole", "base-compliance@x.mobility=0.2"),
+        ("pan_tilt", "servo-integral@tilt.ki=3"),
+        ("arm", "force-supply-sag.sag=0.05"),
     ],
 )
 def test_first_order_is_as_good_as_simulations(tmp_path, machine, effect):
     prepared, truth = planted(tmp_path, effect, machine=machine)
-    name, site = effect.partition(".")[0].split("@")
-    placed = [Placed(name, REGISTRY.get(name)(prepared.task.model, site))]
+    name, _, site = effect.partition(".")[0].partition("@")
+    placed = [Placed(name, REGISTRY.get(name)(prepared.task.model, site or GLOBAL))]
     exactly, _ = linearized(prepared, placed, truth, near=False)
     found, exact = linearized(prepared, placed, truth, near=True)
     assert not exact

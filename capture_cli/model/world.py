@@ -68,6 +68,10 @@ class Force(Protocol):
     """A state-dependent force: adds to `world.qfrc_applied` (N or N m), `world.xfrc_applied` or `world.vary(...)`.
 
     A method `report`, where it has one, may change what the sensors show of each step, (simulation, nsensordata).
+
+    One that keeps numbers from step to step says how many: `remembers`. After a call `remembered()` has them,
+    (simulation, number), and after `recall(numbers)` it goes on from these in the next world that it is called in, not
+    as where a simulation begins.
     """
 
     def __call__(self, world: World) -> None: ...

@@ -28,6 +28,7 @@ CHUNK_SIMULATIONS = 8192
 
 STATES = ("qpos", "qvel", "act")
 WORKED_OUT = ("ncon", "nl", "actuator_force")  # in a step, of the state before it
+REMEMBERED = "remembered"  # by forces, before a step
 
 
 def leave_steps_untimed() -> None:
@@ -49,7 +50,8 @@ class Rollouts:
 
     qpos, qvel, act (simulation, step, ...): the states, where asked for; with them contacts (simulation, step), how
     many, limits (simulation, step), how many joints and tendons are at an end of their range, and actuator_force
-    (simulation, step, actuator), N or N m at the actuator, which may be asked for alone.
+    (simulation, step, actuator), N or N m at the actuator, which may be asked for alone. remembered (simulation, step,
+    number): by the forces, one after the other, before each step but the first.
     """
 
     sensors: np.ndarray
@@ -60,33 +62,37 @@ class Rollouts:
     contacts: np.ndarray | None = None
     limits: np.ndarray | None = None
     actuator_force: np.ndarray | None = None
+    remembered: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
 class SingleSteps:
-    """Each (begin, simulation, ...): what sensors show and actuators give, N or N m, before a step, and the states
-    (begin * simulation) after it.
+    """Each (begin, simulation, ...): what sensors show and actuators give, N or N m, before a step, and after it the
+    states (begin * simulation), and what forces remember (begin * simulation, number).
     """
 
     sensors: np.ndarray
     actuator_force: np.ndarray
     ends: InitialStates
+    remembered: np.ndarray
 
 
 @dataclass(frozen=True)
 class Keep:
     """What is kept of simulations: `columns` of sensordata (all where None); with `states` also these, contacts, limits
-    and forces of actuators, which `actuator_forces` keeps alone.
+    and forces of actuators, which `actuator_forces` keeps alone; with `remembered` what forces remember.
     """
 
     columns: np.ndarray | None = None
     states: bool = False
     actuator_forces: bool = False
+    remembered: bool = False
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """Of MjData, beside sensordata."""
-        return (*STATES, *WORKED_OUT) if self.states else ("actuator_force",) if self.actuator_forces else ()
+        """Of MjData, beside sensordata, and what forces remember."""
+        shown = (*STATES, *WORKED_OUT) if self.states else ("actuator_force",) if self.actuator_forces else ()
+        return (*shown, REMEMBERED) if self.remembered else shown
 
 
 SENSORS = Keep()
@@ -145,7 +151,9 @@ class Engine:
         self.rollouts += count
         whole = {n: np.concatenate(parts) if len(parts) > 1 else parts[0] for n, parts in recorded.items()}
         return Rollouts(
-            whole["sensordata"], np.concatenate(diverged), *(whole.get(n) for n in (*STATES, *WORKED_OUT))
+            whole["sensordata"],
+            np.concatenate(diverged),
+            *(whole.get(n) for n in (*STATES, *WORKED_OUT, REMEMBERED)),
         )
 
     def single_steps(
@@ -153,27 +161,31 @@ class Engine:
         begins: InitialStates,
         controls: np.ndarray,
         fields: ModelFields,
-        forces: Sequence[Force] = (),
+        forces: Sequence[Force],
+        remembered: np.ndarray,
     ) -> SingleSteps:
         """One step of every simulation from each of the states `begins` (begin * simulation), under the controls
-        (begin, simulation, nu); fields and forces are as for `rollout`. They are no rollouts, and not counted as such.
+        (begin, simulation, nu), with what forces have `remembered` (begin * simulation, number); fields and forces are
+        as for `rollout`. They are no rollouts, and not counted as such.
         """
         self.on_work()
         count = controls.shape[1]
         rows = np.arange(count)
         runner = self._prepare(rows, begins.rows(rows), fields)
         states = {name: runner.bind(name) for name in (*STATES, "time")}
-        shown, kept = ("sensordata", "actuator_force"), []
+        shown, kept, known = ("sensordata", "actuator_force"), [], []
         for number, own in enumerate(controls):
             here = begins.rows(number * count + rows)
             for name, live in states.items():
                 live[...] = getattr(here, name)
             runner.bind("qacc_warmstart")[...] = 0.0
+            _recall(forces, remembered[number * count + rows])
             recorded, _ = _step_with_forces(runner, rows, own[:, None], forces, shown, fields.substeps)
             kept.append([*(recorded[n][:, 0] for n in shown), *(live.copy() for live in states.values())])
+            known.append(_remembered(forces, count))
         sensors, actuator_force, *ends = (np.stack(each) for each in zip(*kept, strict=True))
         flat = (values.reshape(len(begins), *values.shape[2:]) for values in ends)
-        return SingleSteps(sensors, actuator_force, InitialStates(*flat))
+        return SingleSteps(sensors, actuator_force, InitialStates(*flat), np.concatenate(known))
 
     @cached_property
     def _shapes(self) -> mujoco.MjData:
@@ -253,8 +265,10 @@ def _step_with_forces(
 ) -> Recorded:
     world = World(runner, rows)
     ctrl, joint_force, body_force = (runner.bind(n) for n in ("ctrl", *APPLIED))
-    live = {name: runner.bind(name) for name in names}
+    live = {name: runner.bind(name) for name in names if name != REMEMBERED}
     recorded = {name: _room(view, controls.shape[1]) for name, view in live.items()}
+    if REMEMBERED in names:
+        recorded[REMEMBERED] = np.zeros((len(rows), controls.shape[1], remembers(forces)))
     reports = [force.report for force in forces if hasattr(force, "report")]
     bad = np.zeros(len(rows), dtype=bool)
     for number in range(controls.shape[1] * substeps):
@@ -263,6 +277,8 @@ def _step_with_forces(
         joint_force[...] = 0.0
         body_force[...] = 0.0
         world.restore_varied()
+        if step and not inside and REMEMBERED in names:
+            recorded[REMEMBERED][:, step] = _remembered(forces, len(rows))
         for force in forces:
             force(world)
         joint_force[bad] = 0.0
@@ -289,6 +305,29 @@ def _step_with_forces(
         recorded["sensordata"][:, step] = np.where(bad[:, None], held, shown)
     world.restore_varied()
     return recorded, bad
+
+
+def remembers(forces: Sequence[Force]) -> int:
+    """How many numbers forces keep from step to step."""
+    return sum(force.remembers for force in _remembering(forces))
+
+
+def _recall(forces: Sequence[Force], numbers: np.ndarray) -> None:
+    """Let forces go on from what they remembered, (simulation, number), of all one after the other."""
+    first = 0
+    for force in _remembering(forces):
+        force.recall(numbers[:, first : first + force.remembers])
+        first += force.remembers
+
+
+def _remembered(forces: Sequence[Force], simulations: int) -> np.ndarray:
+    """What they do, (simulation, number)."""
+    each = [force.remembered() for force in _remembering(forces)]
+    return np.concatenate([np.zeros((simulations, 0)), *each], axis=1)
+
+
+def _remembering(forces: Sequence[Force]) -> list[Force]:
+    return [force for force in forces if getattr(force, "remembers", 0)]
 
 
 def _hold(record: np.ndarray) -> None:

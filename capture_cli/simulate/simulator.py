@@ -269,10 +269,13 @@ class Simulator:
         corrections: np.ndarray,
         reported: ReportedMotion | None = None,
     ) -> Simulated:
-        """As `simulate`, of candidates that differ little from the first: to first order about it."""
+        """As `simulate`, of candidates that differ little from the first: to first order about it, but for parameters
+        of effects that remember.
+        """
         outputs = np.zeros((len(parameters), *windows.measured.shape))
         diverged = np.zeros(outputs.shape[:2], dtype=bool)
-        moving = _moving(parameters, corrections)
+        remembering = self._remembering(parameters)
+        moving = _moving(parameters, corrections) & ~remembering
         moving[0] = True  # the path itself
         for group in self._near_at_a_time(windows, int(moving.sum())):
             part, row = windows.rows(group), np.tile(np.arange(len(group)), moving.sum())
@@ -289,17 +292,28 @@ class Simulator:
             outputs[np.ix_(moving, group, np.arange(shown.shape[2]))] = shown
             diverged[np.ix_(moving, group)] = lost
             self.rollouts += len(group)
+        if remembering.any():
+            exact = self.simulate(
+                windows, initial, parameters[remembering], corrections[remembering], reported
+            )
+            outputs[remembering], diverged[remembering] = exact.outputs, exact.diverged
         return Simulated(outputs, diverged)
 
     def near_is_cheaper(self, parameters: np.ndarray, corrections: np.ndarray) -> bool:
-        """Whether `simulate_near`, and a simulation of each window to check it, takes less than `simulate`. Not where
-        forces keep what is not in the state: there it is wrong.
-        """
-        if any(own.effect.states and own.effect.place == "force" for own in self._placed):
-            return False
-        windows, driven = corrections.shape[1], (parameters != parameters[0]).any(axis=1).sum()
-        near = cost(windows, self._own_states, driven) + windows
+        """Whether `simulate_near`, and a simulation of each window to check it, takes less than `simulate`."""
+        windows, remembering = corrections.shape[1], self._remembering(parameters)
+        driven = ((parameters != parameters[0]).any(axis=1) & ~remembering).sum()
+        states = self._own_states + sum(len(own.effect.kernel_keeps) for own in self._placed)
+        near = cost(windows, states, driven) + (1 + remembering.sum()) * windows
         return _moving(parameters, corrections).sum() * windows > near
+
+    def _remembering(self, parameters: np.ndarray) -> np.ndarray:
+        """Which candidates differ from the first in a parameter of an effect that remembers, (candidate,): what a
+        transmission passes on may go to and fro within the steps that share a linearization.
+        """
+        differs = parameters != parameters[0]
+        own = [differs[:, own.parameters] for own in self._placed if own.effect.kernel_keeps]
+        return np.concatenate([differs[:, :0], *own], axis=1).any(axis=1)
 
     def _near_at_a_time(self, windows: Windows, candidates: int) -> list[np.ndarray]:
         """Numbers of windows that are simulated at a time, under so many candidates that differ little."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import attrgetter
 from typing import ClassVar
 
 import numpy as np
@@ -102,12 +103,15 @@ class JointForce(JointEffect):
 
 
 class ForceOfKernel:
-    """What a JointForce, or another effect with a kernel, adds over a batch, chunk after chunk."""
+    """What a JointForce, or another effect with a kernel, adds over a batch, chunk after chunk. Where it remembers
+    anything, that is what the effect's kernel keeps.
+    """
 
     def __init__(self, effect: Effect, coefficients: dict[str, np.ndarray], timestep: float):
         self.effect, self.coefficients, self.timestep = effect, coefficients, timestep
         self.reads = inputs(effect.kernel)
         self.world: World | None = None
+        self.recalled: np.ndarray | None = None
 
     def __call__(self, world: World) -> None:
         term = self.kernel_in(world)
@@ -116,8 +120,37 @@ class ForceOfKernel:
     def kernel_in(self, world: World) -> Callable:
         """The kernel with the coefficients of this chunk: afresh where one begins, and with it another state."""
         if world is not self.world:
-            self.world, self.term = world, bound(self.effect.kernel, self.own(world), self.timestep)
+            if self.world is None or self.recalled is None:
+                self.term = bound(self.effect.kernel, self.own(world), self.timestep)
+            self.world = world
+            if self.recalled is not None:
+                for (holder, name), values in zip(self._kept, self.recalled.T, strict=True):
+                    setattr(holder, name, values.copy())
+                self.recalled = None
         return self.term
+
+    def begins_in(self, world: World) -> bool:
+        """Whether simulations begin with the next call in `world`, and do not go on from what was recalled."""
+        return world is not self.world and self.recalled is None
+
+    @property
+    def remembers(self) -> int:
+        return len(self.effect.kernel_keeps)
+
+    def remembered(self) -> np.ndarray:
+        """(simulation, number) of this chunk; 0 where there is nothing yet."""
+        values = (getattr(holder, name) for holder, name in self._kept)
+        size = len(self.world.rows)
+        return np.stack([np.broadcast_to(0.0 if v is None else v, size) for v in values], axis=1)
+
+    def recall(self, numbers: np.ndarray) -> None:
+        self.recalled = numbers
+
+    @property
+    def _kept(self) -> list[tuple[object, str]]:
+        """Which attribute of what each number is."""
+        paths = (name.rpartition(".") for name in self.effect.kernel_keeps)
+        return [(attrgetter(holder)(self.term) if holder else self.term, name) for holder, _, name in paths]
 
     def own(self, world: World) -> dict[str, np.ndarray]:
         """The kernel's coefficients, (simulation,) of this chunk."""

@@ -36,6 +36,7 @@ class TransmissionEffect(JointForce):
         "JOINT+SENSOR where that sensor, of it or of its actuator, is the motor's"
     )
     shares = ("motor_damping", "motor_friction")
+    kernel_keeps = ("deflection", "rate", "extra", "speed")
     states = ("ahead", "turning")
     # A rotor that crosses its play is seldom faster than half of what the largest force would give it there.
     states_tried = np.array(list(product(np.linspace(-1, 1, 9), np.linspace(-0.6, 0.6, 25))))
@@ -131,7 +132,7 @@ class TransmissionSeenFromMotor(TransmissionForce):
     """That of a joint of which encoders show the rotor: a simulation begins where they say, less the deflection."""
 
     def __call__(self, world):
-        begins = world is not self.world
+        begins = self.begins_in(world)
         term, encoders = self.kernel_in(world), self.effect.on_motor
         # before the kernel sees the speed: it takes the change of it for an acceleration
         if begins and encoders.tell_speed(self.effect.logged):

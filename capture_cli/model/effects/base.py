@@ -152,6 +152,8 @@ class Effect(ABC):
     substeps: steps that the model takes, where the effect is in it, for each of its own.
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
+    kernel_keeps: of place "force": attributes of its kernel that go from step to step, numbers each; "a.b" is one of
+        an attribute. With these and the state of the model a step is the same as in the midst of a simulation.
     states_mean: what each of them is at 1, with its unit, for docs/effects.md.
     remembers: of place "control": the controls before a window that still show in it, as `memory` has them, for
         docs/effects.md; empty where none do.
@@ -183,6 +185,7 @@ class Effect(ABC):
     has_threshold: ClassVar[bool] = False
     difference_step: ClassVar[float] = 0.0
     states: tuple[str, ...] = ()
+    kernel_keeps: ClassVar[tuple[str, ...]] = ()
     states_mean: ClassVar[str] = ""
     remembers: ClassVar[str] = ""
     states_before: ClassVar[bool] = False

@@ -81,6 +81,7 @@ class BaseCompliance(VibrationEffect):
     summary = "the machine stands on something that gives: a table, a stand, a vehicle on its springs"
     where = "each axis of the world along which an actuator can push the base"
     kernel = SprungBase
+    kernel_keeps = ("displaced", "rate", "before", "staying", "accelerates")
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)

@@ -53,6 +53,7 @@ class ForceSupplySag(Effect):
         "`more`: load that is felt beyond what there is, N or N m. At 1 what all actuators commonly give"
     )
     kernel = Weakening
+    kernel_keeps = ("felt.state", "size")
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)

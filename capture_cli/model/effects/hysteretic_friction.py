@@ -52,6 +52,7 @@ class HystereticFriction(FollowedForce):
         "when the episode began, from -1 to 1. In the module `wound` is how far it is"
     )
     kernel = Bristles
+    kernel_keeps = ("wound",)
 
     @property
     def parameters(self):
@@ -103,7 +104,7 @@ class ForceWoundUpToHere(ForceOfKernel):
     """That of bristles wound up by the way to where a simulation begins: its first call has no way left to go."""
 
     def kernel_in(self, world):
-        begins = world is not self.world
+        begins = self.begins_in(world)
         bristles = super().kernel_in(world)
         bristles.timestep = 0.0 if begins else self.timestep
         return bristles

@@ -57,6 +57,7 @@ class LooseMass(VibrationEffect, JointForce):
 
     summary = "something inside that is not fixed: a liquid that sloshes, a load that swings"
     kernel = Oscillator
+    kernel_keeps = ("displaced", "rate", "speed")
 
     @property
     def total(self) -> float:

@@ -80,6 +80,7 @@ class ServoIntegral(OnJoint, FollowedForce):
         "holds the load on the joint where that is more, and `limit` where that is less"
     )
     kernel = IntegralTerm
+    kernel_keeps = ("integral",)
     adds_to = BIAS
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):

@@ -63,6 +63,7 @@ class ViscoelasticSpring(FollowedForce):
         "goes in the log"
     )
     kernel = MaxwellElement
+    kernel_keeps = ("stretch", "position")
 
     @property
     def parameters(self):
