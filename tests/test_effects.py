@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from inspect import isclass
 from pathlib import Path
 
 import mujoco
@@ -137,6 +138,33 @@ def test_forces_act_as_one_in_whatever_order_they_are_named(name):
             np.testing.assert_allclose(one, swapped, atol=1e-9, err_msg=f"{where}: {other}")
             matters |= np.abs(one - alone).max() > 1e-4
     assert matters
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_a_force_goes_on_from_what_it_remembers(name):
+    """From the state of the model and what its kernel keeps, a step ends where it does in the midst of a simulation."""
+    effect_type = effects.REGISTRY.get(name)
+    assert bool(effect_type.kernel_keeps) == isclass(getattr(effect_type, "kernel", None))
+    for where, effect in placed(name)[:2]:
+        model, values = machine(where), away(effect, 0.3)[None]
+        fields, tape, initial = ModelFields(model, 1), controls(model, 1)[:, :60], start(model, 1)
+        effect.write(fields, values)
+        engine = Engine(model, 1)
+
+        def force(effect=effect, values=values, step=model.opt.timestep):
+            return [effect.force(values, step)]
+
+        keep = Keep(states=True, remembered=True)
+        whole = engine.rollout(initial, tape, fields=fields, forces=force(), keep=keep)
+        still = engine.rollout(initial, tape, keep=keep)
+        for at in (20, 58):
+            qpos, qvel, act = (v[:, at] for v in (whole.qpos, whole.qvel, whole.act))
+            begins = InitialStates(qpos, qvel, act, initial.time + at * model.opt.timestep)
+            step = engine.single_steps(begins, tape[:, at][:, None], fields, force(), whole.remembered[:, at])
+            acts = np.abs(whole.qvel[:, at + 1] - still.qvel[:, at + 1]).max()
+            np.testing.assert_allclose(step.ends.qvel, whole.qvel[:, at + 1], atol=0.05 * acts + 1e-9)
+            kept = whole.remembered[:, at + 1]
+            np.testing.assert_allclose(step.remembered, kept, atol=0.05 * np.abs(kept).max(initial=0) + 1e-9)
 
 
 MEASUREMENTS = [n for n in NAMES if effects.REGISTRY.get(n).place == "measurement"]

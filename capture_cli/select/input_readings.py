@@ -18,7 +18,7 @@ from capture_cli.estimate.balance.input_timing import (
 )
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit
-from capture_cli.estimate.model_fits import Effort, ModelFits
+from capture_cli.estimate.model_fits import USUAL, Effort, ModelFits
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 from capture_cli.model.tasks.base import Task
@@ -198,7 +198,7 @@ def _best_fit(
     explaining = _that_explain(others, SETTINGS.else_missing, prepared_as, threads)
     if not explaining:
         return held
-    before = _fit(held, held.model, prepared_as(held.task), threads, escapes=True)
+    before = _fit(held, held.model, prepared_as(held.task), threads, USUAL)
     gains = [np.inf if before is None else _sure_gain(before, fit) for _, fit in explaining]
     best = int(np.argmax(gains))
     return explaining[best][0] if gains[best] > COMPARISON.clearly_better else held
@@ -208,10 +208,12 @@ def _that_explain(
     readings: Sequence[Reading], beyond: float, prepared_as: PreparedAs, threads: int | None
 ) -> list[tuple[Reading, Fit]]:
     """The readings whose models, fitted by simulations, leave no more variance beyond the noise floor's than `beyond`
-    times that.
+    times that. A fit that does not promise to is not ended.
     """
-    fits = [(r, _fit(r, r.model, prepared_as(r.task), threads)) for r in readings]
-    return [(r, fit) for r, fit in fits if fit is not None and fit.error**2 - 1 < beyond]
+    most = float(np.sqrt(1 + beyond))
+    effort = Effort(to_reach=most, needed=most, escapes=False)
+    fits = [(r, _fit(r, r.model, prepared_as(r.task), threads, effort)) for r in readings]
+    return [(r, fit) for r, fit in fits if fit is not None and fit.error < most]
 
 
 def _nearest_fit(best: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:
@@ -230,7 +232,7 @@ def _nearest_fit(best: Reading, prepared_as: PreparedAs, threads: int | None) ->
     for reading in near:
         prepared = prepared_as(reading.task)
         models = reading.model, reading.screening.fitted(reading.declared)
-        fits = (_fit(reading, model, prepared, threads) for model in models)
+        fits = (_fit(reading, model, prepared, threads, Effort(escapes=False)) for model in models)
         found += [(reading, fit) for fit in fits if fit is not None]
     first = found[0][1]
     return max(found, key=lambda pair: gain_by_bic(first, pair[1]))[0]
@@ -246,12 +248,11 @@ def _fit(
     model: BalancedModel,
     prepared: PreparedLog,
     threads: int | None,
-    *,
-    escapes: bool = False,
+    effort: Effort,
 ) -> Fit | None:
     """The model fitted by simulations of the log `prepared` in that reading."""
     fits = ModelFits(prepared, threads)
     fits.engine.on_work = reading.screening.on_work
     windows = np.flatnonzero(~prepared.split.is_test)
     part = prepared.part(windows[evenly_spread(len(windows), LOG_PARTS.fitted)])
-    return fits.fit(part, model.effects, model.start, effort=Effort(escapes=escapes))
+    return fits.fit(part, model.effects, model.start, effort=effort)

@@ -15,9 +15,10 @@ import numpy as np
 from capture_cli.common.frozen import frozen
 from capture_cli.errors import OutOfTime
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
-from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.fit import Fit, thinned
 from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
+from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.effects.placed import Placed
@@ -262,6 +263,8 @@ class Attribution:
         asked where the balance leaves too little for another to matter.
         """
         self.models.held = []
+        if steps := self._shorter_steps(current):
+            return self._with(*steps, current)
         balance = self._balance_round(current)
         if balance is None:
             choice = self._by_simulation(current)
@@ -274,6 +277,31 @@ class Attribution:
             if choice is None and not (self.accepted or self.given):
                 choice = self._by_simulation(current, covered=True)
         return None if choice is None else self._with(*choice, current)
+
+    def _shorter_steps(self, current: Fit) -> Choice | None:
+        """The model in shorter steps, where no more explains the log: what an integrator leaves out is no
+        effect, and looks like several. Asked first, beside the best that the balance has, where simulations promise it.
+        """
+        asked = [c for c in self._outside if _is_shorter_step(c.placed)]
+        if not asked or any(_is_shorter_step(e) for e in current.effects):
+            return None
+        Scores(self.models, current, self._step).score(asked)
+        part, at = thinned(self.models.fit_part, current)
+        needed = lack_of_fit(current.at).threshold
+        promising = [
+            c for c in by_score(asked) if current.error**2 / (1 + c.score.gain / at.data.count) < needed**2
+        ]
+        if not promising:
+            return None
+        screening = self.models.screening_about(current, self._step)
+        if screening is not None:
+            covered = [c for c in self._outside if c.name in screening.covered]
+            score_in_balance(screening, current, covered)
+            promising += by_score(covered)[: FORWARD_ROUND.rivals]
+        choice = ForwardRound(self.models, current, promising, patient=False, on_step=self._step).choose()
+        if choice is None or not self.models.is_explained(choice[0].fit):
+            return None
+        return choice if all(_is_shorter_step(e) for e in choice[0].added) else None
 
     def _leaves_much(self, fit: Fit, current: Fit) -> bool:
         return not self.models.is_explained(fit) and fit.excess > REJECTION.material * current.excess
@@ -489,6 +517,11 @@ class Attribution:
         return self._with_fit(other, without, again) if without else other
 
 
+def _is_shorter_step(placed: Placed) -> bool:
+    """Whether it is the model's motion in shorter steps."""
+    return placed.effect.substeps > 1 and not placed.effect.parameters
+
+
 def _are_steps(one: Placed, other: Placed) -> bool:
-    """Whether they are the model's motion in shorter steps of two lengths: no experiment would tell them apart."""
-    return one.kind == other.kind and one.effect.substeps > 1 and not one.effect.parameters
+    """Whether both are, of two lengths: no experiment would tell them apart."""
+    return one.kind == other.kind and _is_shorter_step(one)

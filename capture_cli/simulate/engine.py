@@ -51,7 +51,7 @@ class Rollouts:
     qpos, qvel, act (simulation, step, ...): the states, where asked for; with them contacts (simulation, step), how
     many, limits (simulation, step), how many joints and tendons are at an end of their range, and actuator_force
     (simulation, step, actuator), N or N m at the actuator, which may be asked for alone. remembered (simulation, step,
-    number): by the forces, one after the other, before each step but the first.
+    number): by the forces, one after the other, before each step but the first; None without forces.
     """
 
     sensors: np.ndarray
@@ -90,9 +90,8 @@ class Keep:
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """Of MjData, beside sensordata, and what forces remember."""
-        shown = (*STATES, *WORKED_OUT) if self.states else ("actuator_force",) if self.actuator_forces else ()
-        return (*shown, REMEMBERED) if self.remembered else shown
+        """Of MjData, beside sensordata."""
+        return (*STATES, *WORKED_OUT) if self.states else ("actuator_force",) if self.actuator_forces else ()
 
 
 SENSORS = Keep()
@@ -135,7 +134,7 @@ class Engine:
         row = np.arange(count) if row is None else row
         columns = slice(None) if keep.columns is None else keep.columns
         substeps = 1 if fields is None else fields.substeps
-        fields_kept = ("sensordata", *keep.fields)
+        fields_kept = ["sensordata", *keep.fields, *[REMEMBERED] * bool(keep.remembered and forces)]
         recorded: dict[str, list[np.ndarray]] = {name: [] for name in fields_kept}
         diverged = []
         size = self._chunk(controls.shape[1] * substeps)
@@ -267,8 +266,9 @@ def _step_with_forces(
     ctrl, joint_force, body_force = (runner.bind(n) for n in ("ctrl", *APPLIED))
     live = {name: runner.bind(name) for name in names if name != REMEMBERED}
     recorded = {name: _room(view, controls.shape[1]) for name, view in live.items()}
+    remembered = sum(force.remembers for force in _remembering(forces)) if REMEMBERED in names else 0
     if REMEMBERED in names:
-        recorded[REMEMBERED] = np.zeros((len(rows), controls.shape[1], remembers(forces)))
+        recorded[REMEMBERED] = np.zeros((len(rows), controls.shape[1], remembered))
     reports = [force.report for force in forces if hasattr(force, "report")]
     bad = np.zeros(len(rows), dtype=bool)
     for number in range(controls.shape[1] * substeps):
@@ -277,7 +277,7 @@ def _step_with_forces(
         joint_force[...] = 0.0
         body_force[...] = 0.0
         world.restore_varied()
-        if step and not inside and REMEMBERED in names:
+        if step and not inside and remembered:
             recorded[REMEMBERED][:, step] = _remembered(forces, len(rows))
         for force in forces:
             force(world)
@@ -305,11 +305,6 @@ def _step_with_forces(
         recorded["sensordata"][:, step] = np.where(bad[:, None], held, shown)
     world.restore_varied()
     return recorded, bad
-
-
-def remembers(forces: Sequence[Force]) -> int:
-    """How many numbers forces keep from step to step."""
-    return sum(force.remembers for force in _remembering(forces))
 
 
 def _recall(forces: Sequence[Force], numbers: np.ndarray) -> None:

@@ -22,7 +22,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.states import InitialStates, corrections_between, shift
 from capture_cli.model.world import Force
-from capture_cli.simulate.engine import Engine, Keep, Rollouts, remembers
+from capture_cli.simulate.engine import Engine, Keep, Rollouts
 
 
 @frozen
@@ -56,8 +56,7 @@ class NearSimulations:
     def rollouts(self, engine: Engine, keep: Keep) -> Rollouts:
         """Sensors of all, and forces of actuators where they are kept, to first order about the paths."""
         own = np.arange(self.paths)
-        remembered = remembers(self.forces(own)) > 0
-        base = self.simulated(engine, own, replace(keep, states=True, remembered=remembered))
+        base = self.simulated(engine, own, replace(keep, states=True, remembered=True))
         shown = _shown(base.sensors, base.actuator_force, keep)
         shown = shown + _Linearized(engine, self, base, keep).changes()
         shown = shown.reshape(-1, *shown.shape[2:])
