@@ -18,7 +18,6 @@ from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.fit import Fit, thinned
 from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
-from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.effects.placed import Placed
@@ -39,6 +38,8 @@ from capture_cli.select.score import Score
 @frozen
 class SETTINGS:
     most_effects: int = 6
+    # of the squared error above the noise floor, what shorter steps may leave by their score, to be asked first
+    left_by_steps: float = 0.5
     as_much: float = (
         0.8  # of an effect's score, with the others in: what has more may be what is there in its place
     )
@@ -286,19 +287,17 @@ class Attribution:
         if not asked or any(_is_shorter_step(e) for e in current.effects):
             return None
         Scores(self.models, current, self._step).score(asked)
-        part, at = thinned(self.models.fit_part, current)
-        needed = lack_of_fit(current.at).threshold
-        promising = [
-            c for c in by_score(asked) if current.error**2 / (1 + c.score.gain / at.data.count) < needed**2
-        ]
-        if not promising:
+        _, at = thinned(self.models.fit_part, current)
+        gain = max((c.score.gain for c in by_score(asked)), default=0.0)
+        left = current.error**2 / (1 + gain / at.data.count) - 1
+        if left > SETTINGS.left_by_steps * current.excess:
             return None
         screening = self.models.screening_about(current, self._step)
         if screening is not None:
             covered = [c for c in self._outside if c.name in screening.covered]
             score_in_balance(screening, current, covered)
-            promising += by_score(covered)[: FORWARD_ROUND.rivals]
-        choice = ForwardRound(self.models, current, promising, patient=False, on_step=self._step).choose()
+            asked += by_score(covered)[: FORWARD_ROUND.rivals]
+        choice = ForwardRound(self.models, current, asked, patient=False, on_step=self._step).choose()
         if choice is None or not self.models.is_explained(choice[0].fit):
             return None
         return choice if all(_is_shorter_step(e) for e in choice[0].added) else None

@@ -1,7 +1,8 @@
 """Simulations that differ little from others, to first order: the step linearized along a path (tangent-linear model).
 
-With dx what a state differs by, in its tangent space, and after it what forces remember, and du what the simulation is driven by otherwise (a parameter,
-through the model's fields, forces or controls), its path and what sensors show differ by
+With dx what a state differs by, in its tangent space, followed by what forces remember, and du what the simulation is
+driven by otherwise (a parameter, through the model's fields, forces or controls), its path and what sensors show differ
+by
 
     dx[i + 1] = A dx[i] + B du        dy[i] = C dx[i] + D du
 
@@ -187,8 +188,8 @@ class _Linearized:
         return np.zeros((len(near.driven), near.paths, 0, self.columns_shown)), between
 
     def _first_steps(self) -> tuple[np.ndarray, np.ndarray]:
-        """By what the first steps, which are simulated, differ in what is shown, (candidate, path, step, column), and in
-        the states that they end in, (path, state, candidate).
+        """By what the first steps, which are simulated, differ: in what is shown, (candidate, path, step, column), and
+        in the states that they end in, (path, state, candidate).
         """
         near, at = self.near, self.simulated
         keep = replace(self.keep, states=True, remembered=True)
