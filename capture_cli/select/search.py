@@ -6,11 +6,12 @@ simulations (`forward_round`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
 
 import numpy as np
+from scipy.special import chdtrc
 
 from capture_cli.common.frozen import frozen
 from capture_cli.errors import OutOfTime
@@ -38,6 +39,10 @@ from capture_cli.select.score import Score
 @frozen
 class SETTINGS:
     most_effects: int = 6
+    # of an explained log: how many that the balance puts first have their score test through the simulator
+    likeliest: int = 8
+    # how often the score test may take the best of all candidates for an effect where nothing is missing
+    by_chance: float = 0.01
     # of the squared error above the noise floor, what shorter steps may leave by their score, to be asked first
     left_by_steps: float = 0.5
     as_much: float = (
@@ -105,6 +110,7 @@ class Attribution:
         self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
         self.models.candidates = self.candidates
         self.accepted: list[Accepted] = []
+        self._told: set[str] = set()  # of an explained log, what simulations alone are sure of
         self.out_of_time = False
 
     def run(self, declared: Fit) -> Fit:
@@ -179,10 +185,30 @@ class Attribution:
         if self.accepted or not explained:
             return not explained
         screening = self.models.screening_about(current, self._step)
-        if screening is None:
-            return False
-        additions = screening.additions(current.effects, current.values, screening.settings.polished_for_best)
-        return bool(additions) and additions[0].is_sure(len(screening.atoms))
+        additions, tried = [], 0
+        if screening is not None:
+            most, tried = screening.settings.polished_for_best, len(screening.atoms)
+            additions = screening.additions(current.effects, current.values, most)
+            if additions and additions[0].is_sure(tried):
+                return True
+        likeliest = {a.placed.name for a in additions[: SETTINGS.likeliest]}
+        uncovered = {c.name for c in self._outside if screening is None or c.name not in screening.covered}
+        self._told = self._sure_by_simulation(current, likeliest | uncovered, tried)
+        return bool(self._told)
+
+    def _sure_by_simulation(self, current: Fit, names: Set[str], tried: int) -> set[str]:
+        """Of the candidates with these names those whose score test is beyond chance, of all and of so many `tried` by
+        the balance: what adds up over seconds shows little in accelerations.
+        """
+        asked = [replace(c) for c in self._outside if c.name in names]
+        Scores(self.models, current, self._step).score(asked)
+        tried += sum(c.shapes_tried for c in asked)
+        sizes = (len(c.placed.effect.parameters) - len(c.placed.effect.shapes) for c in asked)
+        return {
+            c.name
+            for c, size in zip(asked, sizes, strict=True)
+            if c.why_rejected is None and tried * chdtrc(max(size, 1), c.score.gain) < SETTINGS.by_chance
+        }
 
     @property
     def _count(self) -> int:
@@ -264,6 +290,10 @@ class Attribution:
         asked where the balance leaves too little for another to matter.
         """
         self.models.held = []
+        if self._told:
+            told = [c for c in self._outside if c.name in self._told]
+            choice = ForwardRound(self.models, current, told, patient=False, on_step=self._step).choose()
+            return None if choice is None else self._with(*choice, current)
         if steps := self._shorter_steps(current):
             return self._with(*steps, current)
         balance = self._balance_round(current)
