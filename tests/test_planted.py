@@ -20,7 +20,7 @@ from benchmarks._planted import asking
 from benchmarks._planted import rows as rows_module
 from benchmarks._planted.asking import Answer, ask
 from benchmarks._planted.frozen import capture_hash, freeze
-from benchmarks._planted.outcomes import EQUIVALENTS, RIGHT, judge
+from benchmarks._planted.outcomes import EQUIVALENTS, RIGHT, judge, placed
 from benchmarks._planted.rows import FAILED, NOTHING_TO_FIND, Draw, add, draws, key, read, row_of
 from benchmarks._planted.summary import compare, figures, page, summary
 from benchmarks._planted_logs.cases import (
@@ -39,6 +39,7 @@ from benchmarks._planted_logs.machines import MACHINE, Experiment
 from benchmarks._planted_logs.outside import OUTSIDE
 from benchmarks._share import share
 from capture_cli.errors import OptionError
+from capture_cli.estimate.balance.screening import Addition
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.tasks import load_task
@@ -136,6 +137,25 @@ def test_steps_that_are_too_long_are_found(tmp_path, monkeypatch):
     assert [(e["name"], e["site"]) for e in document["effects"]] == [("finer-time-step", "quarter")]
     assert document["verdict"] == "effect-found"
     assert document["before"]["test"]["normalized"] > 10 > 1.2 > document["after"]["test"]["normalized"]
+
+
+@pytest.mark.parametrize(
+    ("case", "found"),
+    [
+        (Case(WEAK, "slider", ("quadratic-drag@x",), 1.04, 0), ["quadratic-drag@x"]),
+        (Case(NOTHING, "slider", (), 1.0, 0), []),
+    ],
+)
+def test_where_the_balance_is_not_sure_an_explained_log_is_asked_by_simulation(
+    tmp_path, monkeypatch, case, found
+):
+    look_among(monkeypatch, "quadratic-drag", "coulomb-friction", "control-delay")
+    monkeypatch.setattr(Addition, "is_sure", lambda *_: False)
+    task, log, _ = case.build()
+    log.write(tmp_path / "log.zarr")
+    said = diagnose(MeasuredLog.read(tmp_path / "log.zarr"), task, seed=0)
+    assert said["before"]["test"]["normalized"] < 1.1
+    assert [placed(e) for e in said["effects"]] == found
 
 
 # --- judging ---

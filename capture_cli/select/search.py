@@ -178,9 +178,10 @@ class Attribution:
 
     def _is_missing(self, current: Fit) -> bool:
         """Whether more is left than chance allows; or, of the declared model, an effect predicts blocks that no fit saw
-        so much better that chance does not: parameters that stand in for it may leave next to nothing. What an effect
-        that was found leaves of so little would be corrected, not explained.
+        so much better that chance does not, or has a score test that is beyond it: parameters that stand in for it may
+        leave next to nothing. What an effect that was found leaves of so little would be corrected, not explained.
         """
+        self._told = set()
         explained = self.models.is_explained(current)
         if self.accepted or not explained:
             return not explained
