@@ -15,6 +15,7 @@ from scipy.special import chdtrc
 
 from capture_cli.common.frozen import frozen
 from capture_cli.errors import OutOfTime
+from capture_cli.estimate.balance.dictionary import acts_unshown
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.fit import Fit, thinned
 from capture_cli.estimate.model_fits import Effort, ModelFits
@@ -186,15 +187,16 @@ class Attribution:
         if self.accepted or not explained:
             return not explained
         screening = self.models.screening_about(current, self._step)
-        additions, tried = [], 0
+        additions, tried, uncovered = [], 0, self._outside
         if screening is not None:
             most, tried = screening.settings.polished_for_best, len(screening.atoms)
             additions = screening.additions(current.effects, current.values, most)
             if additions and additions[0].is_sure(tried):
                 return True
-        likeliest = {a.placed.name for a in additions[: SETTINGS.likeliest]}
-        uncovered = {c.name for c in self._outside if screening is None or c.name not in screening.covered}
-        self._told = self._sure_by_simulation(current, likeliest | uncovered, tried)
+            uncovered = [c for c in uncovered if c.name not in screening.covered]
+            uncovered = [c for c in uncovered if not acts_unshown(screening.balance, c.placed.effect)]
+        names = {a.placed.name for a in additions[: SETTINGS.likeliest]} | {c.name for c in uncovered}
+        self._told = self._sure_by_simulation(current, names, tried)
         return bool(self._told)
 
     def _sure_by_simulation(self, current: Fit, names: Set[str], tried: int) -> set[str]:

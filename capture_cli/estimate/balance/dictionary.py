@@ -130,7 +130,7 @@ def atoms(
     amplitudes = tuple(i for i, n in enumerate(space.names) if n not in effect.shapes)
     if not amplitudes or (effect.place == "force" and effect.reported):
         return  # of a force that moves its own sensors the reported motion is not the joint's
-    if effect.shows_at_rest or _acts_unshown(balance, effect):
+    if effect.shows_at_rest or acts_unshown(balance, effect):
         return
     if isinstance(effect, PeriodicForce):
         yield from _repeating(balance, placed, amplitudes, settings)
@@ -249,7 +249,7 @@ def _mixture(parts: Sequence[tuple[Atom, list[Accelerations]]]) -> tuple[Atom, l
     return together, [column for _, columns in parts for column in columns]
 
 
-def _acts_unshown(balance: ForceBalance, effect: Effect) -> bool:
+def acts_unshown(balance: ForceBalance, effect: Effect) -> bool:
     """Whether it acts on a joint that no sensor shows: contacts take up what it does there, as far as they need to."""
     joint = getattr(effect, "joint", None)
     return joint is not None and int(balance.model.jnt_dofadr[joint]) in balance.unshown
