@@ -77,6 +77,16 @@ def test_windows_in_which_it_does_not_hold_are_simulated(tmp_path, monkeypatch):
     assert np.median(errors) < 2 * PREPARED_LOG.agree
 
 
+def test_windows_of_no_more_than_the_first_steps_are_simulated(tmp_path, monkeypatch):
+    prepared, truth = planted(tmp_path, "quadratic-drag@x.drag=1.5")
+    set_numbers(monkeypatch, "capture_cli.simulate.tangent_linear", simulated=10_000)
+    point = truth[: len(prepared.task.space)]
+    found, _ = linearized(prepared, [], point, near=True)
+    exactly, _ = linearized(prepared, [], point, near=False)
+    np.testing.assert_array_equal(found.by_parameter, exactly.by_parameter)
+    np.testing.assert_array_equal(found.by_initial, exactly.by_initial)
+
+
 def test_nothing_is_taken_to_first_order_where_nothing_agrees(tmp_path, monkeypatch):
     prepared, truth = planted(tmp_path, "quadratic-drag@x.drag=1.5")
     set_numbers(monkeypatch, "capture_cli.estimate.prepared_log", agree=0.0)

@@ -317,7 +317,11 @@ class Attribution:
         effect, and looks like several. Asked first, beside the best that the balance has, where simulations promise it.
         """
         asked = [c for c in self._outside if _is_shorter_step(c.placed)]
-        if not asked or any(_is_shorter_step(e) for e in current.effects):
+        if (
+            not asked
+            or any(_is_shorter_step(e) for e in current.effects)
+            or self.models.is_explained(current)
+        ):
             return None
         Scores(self.models, current, self._step).score(asked)
         _, at = thinned(self.models.fit_part, current)

@@ -56,6 +56,8 @@ class NearSimulations:
 
     def rollouts(self, engine: Engine, keep: Keep) -> Rollouts:
         """Sensors of all, and forces of actuators where they are kept, to first order about the paths."""
+        if self.controls.shape[1] <= SETTINGS.simulated:  # no more than first steps
+            return self.simulated(engine, np.arange(len(self.initial)), keep)
         own = np.arange(self.paths)
         base = self.simulated(engine, own, replace(keep, states=True, remembered=True))
         shown = _shown(base.sensors, base.actuator_force, keep)
