@@ -35,7 +35,6 @@ sys.meta_path[sys.meta_path.index(PathFinder)] = WithoutExtras
 NOT_OF_THE_CORE = {
     "context.identifiers._training",
     "context.identifiers._transformer",
-    "context.policies._episode_env",
     "context.policies._sac_training",
     "context.worlds._gymnasium",
     "context.worlds._pushed",

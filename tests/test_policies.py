@@ -155,7 +155,7 @@ def test_an_episode_that_diverges_is_worth_no_more_than_the_worst():
 
 @pytest.mark.usefixtures("learn")
 def test_the_environments_give_the_rewards_of_the_simulator():
-    from capture_cli.context.policies._episode_env import EpisodeVecEnv
+    from capture_cli.context.policies._sac_training import EpisodeVecEnv
 
     task = AirHockey()
     env = EpisodeVecEnv(Simulator(task, threads=1), 5, seed=3)
