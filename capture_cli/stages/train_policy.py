@@ -133,32 +133,35 @@ def _is_mirrored(simulator: Simulator, effects: EffectRanges) -> bool:
     """
     if not effects.placed:
         return True
-    task, generator = simulator.task, np.random.default_rng(0)
-    parameters = task.space.from_unit(generator.random((TRIED, len(task.space))))
-    actions = task.draw_actions(generator.random((TRIED, len(task.actions))))
-    of_effects = effects.drawn(generator, TRIED)
-    sides = ((parameters, actions), (task.mirror_parameters(parameters), task.mirror_actions(actions)))
-    rewards = [
-        judge(task, acted, *simulator.trajectories(np.concatenate([under, of_effects], axis=1), acted))[0]
-        for under, acted in sides
-    ]
+    task = simulator.task
+    points, uniform = _drawn(task, effects, np.random.default_rng(0), TRIED)
+    parameters, of_effects = np.split(points, [len(task.space)], axis=1)
+    mirrored = np.concatenate([task.mirror_parameters(parameters), of_effects], axis=1)
+    actions = task.draw_actions(uniform)
+    sides = ((points, actions), (mirrored, task.mirror_actions(actions)))
+    rewards = [judge(task, acted, *simulator.trajectories(under, acted))[0] for under, acted in sides]
     return float(np.abs(rewards[0] - rewards[1]).mean()) < 1e-3
 
 
 def _refuse_constant(simulator: Simulator, effects: EffectRanges) -> None:
     """Raise OptionError where every random episode is worth the same: the inputs move no output with a goal."""
-    task, generator = simulator.task, np.random.default_rng(0)
-    points = np.concatenate(
-        [task.space.from_unit(generator.random((TRIED, len(task.space)))), effects.drawn(generator, TRIED)],
-        axis=1,
-    )
-    uniform = generator.random((TRIED, len(task.actions)))
+    task = simulator.task
+    points, uniform = _drawn(task, effects, np.random.default_rng(0), TRIED)
     rewards, _ = evaluate(REGISTRY.get("random")(task), simulator, points, uniform)
     if np.ptp(rewards) < SAME:
         raise OptionError(
             f"--task {task.path}: each of {TRIED} random episodes is worth {rewards[0]:.3g}, so nothing can be learned",
             cure="give [reward] goals for outputs that the inputs move, or a wider `within`",
         )
+
+
+def _drawn(
+    task: ActionTask, effects: EffectRanges, generator: np.random.Generator, episodes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (episode, parameter) of task and effects, and the draws that a policy may use, (episode, action)."""
+    parameters = task.space.from_unit(generator.random((episodes, len(task.space))))
+    uniform = generator.random((episodes, len(task.actions)))
+    return np.concatenate([parameters, effects.drawn(generator, episodes)], axis=1), uniform
 
 
 class _Run:
@@ -226,12 +229,9 @@ class _Run:
         )
 
     def _judged(self, policy: Policy, episodes: int, purpose: int) -> dict[str, float]:
-        task = self.simulator.task
         key = np.random.SeedSequence(self.trainer.settings.seed, spawn_key=(purpose,))
         generator = np.random.default_rng(key)
-        parameters = task.space.from_unit(generator.random((episodes, len(task.space))))
-        uniform = generator.random((episodes, len(task.actions)))
-        points = np.concatenate([parameters, self.effects.drawn(generator, episodes)], axis=1)
+        points, uniform = _drawn(self.simulator.task, self.effects, generator, episodes)
         rewards, successes = evaluate(policy, self.simulator, points, uniform)
         return {"reward": float(rewards.mean()), "success": float(successes.mean())}
 
