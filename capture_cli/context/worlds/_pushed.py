@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from capture_cli.common.frozen import frozen
-
 # patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 
@@ -20,12 +18,6 @@ from capture_cli.context.worlds._scene import SETTINGS as SCENE
 from capture_cli.context.worlds._scene import Played, Scene, check_rate
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks.base import ActionTask
-
-
-@frozen
-class SETTINGS:
-    # m, that one action can send the hand away at most: the stroke is ahead of the arm by less
-    reach: float = 0.15
 
 
 class PushedScene(Scene):
@@ -73,16 +65,6 @@ class PushedScene(Scene):
     def tool_position(self) -> np.ndarray:
         """Where the tool is, (x, y), m."""
         return self.outputs[-2:]
-
-    def reward(self, action=None) -> float:
-        """That of the task for a plant that stays as it is."""
-        return float(self.plant.reward(None, self._trajectory())[0])
-
-    def _check_success(self) -> bool:
-        return bool(self.plant.success(None, self._trajectory())[0])
-
-    def _trajectory(self) -> np.ndarray:
-        return self.plant.observe(self.outputs)[None, None]
 
     # --- the scene ---
 
@@ -165,8 +147,9 @@ class PushedScene(Scene):
 def _controller(robot: str) -> dict:
     """The robot's own controller; only how far one action may send the hand is more."""
     config = load_composite_controller_config(robot=robot)
+    reach = 0.15  # m, that one action can send the hand away at most: the stroke is ahead of the arm by less
     for part in config["body_parts"].values():
         if part.get("type") == "OSC_POSE":
-            part["output_max"] = [SETTINGS.reach] * 3 + part["output_max"][3:]
-            part["output_min"] = [-SETTINGS.reach] * 3 + part["output_min"][3:]
+            part["output_max"] = [reach] * 3 + part["output_max"][3:]
+            part["output_min"] = [-reach] * 3 + part["output_min"][3:]
     return config

@@ -88,6 +88,16 @@ class Scene(ManipulationEnv):
         """What the plant's sensors report now, (output,)."""
         return self.sim.data.qpos[self._measured].copy()
 
+    def reward(self, action=None) -> float:
+        """That of the task for a plant that stays as it is."""
+        return float(self.plant.reward(None, self._trajectory())[0])
+
+    def _check_success(self) -> bool:
+        return bool(self.plant.success(None, self._trajectory())[0])
+
+    def _trajectory(self) -> np.ndarray:
+        return self.plant.observe(self.outputs)[None, None]
+
     @property
     @abstractmethod
     def servo_commands(self) -> np.ndarray:

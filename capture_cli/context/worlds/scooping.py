@@ -72,13 +72,6 @@ class ObjectScooping(Scene):
         """-1 tilted left, 0 lifted in balance, 1 tilted right: the task's observation of the rod as it is now."""
         return float(self.plant.observe(self.outputs)[0])
 
-    def reward(self, action=None) -> float:
-        """1 where the rod is lifted in balance, 0 otherwise."""
-        return float(self._check_success())
-
-    def _check_success(self) -> bool:
-        return self.label == 0
-
     def standing(self, plant: MujocoXML) -> ElementTree.Element:
         """The rack with rod and spatula, and what the scene has of them beyond the plant."""
         rack_height = 0.12  # m, of the rod's underside above the table
