@@ -20,6 +20,7 @@ from capture_cli.report.findings import (
     UNTRUSTED,
     behind,
     beyond_chance,
+    in_unit,
     input_timing,
     not_alike,
     outputs_left,
@@ -50,7 +51,8 @@ ACCEPTED, TIED, NOT_TRIED = "accepted", "tied", "not tried"
 
 @dataclass(frozen=True)
 class Change:
-    """RMSE of one output before and after, by part of the log (None: an empty part), all in `unit`.
+    """RMSE of one output before and after, by part of the log (None: an empty part), all in `unit`; the noise floor as
+    it is shown.
 
     ratio: after over before; over, over_before: after and before over the noise floor; all on held-out data, or on
     what there is.
@@ -60,8 +62,7 @@ class Change:
     unit: str
     before: dict[str, float | None]
     after: dict[str, float | None]
-    floor: float | None
-    floor_unit: str
+    floor: str
     floor_source: str
     ratio: float | None
     over: float | None
@@ -311,14 +312,12 @@ def _change(record: DiagnosisRecord, name: str, unit: str) -> Change:
     part = best_part(record)
     shown, floor = after[part], record.noise_floor[name]
     factor, label = scaled_unit(unit, shown or floor)
-    floor_factor, floor_label = floor_unit(floor, unit, factor, label)
     return Change(
         name=name,
         unit=label,
         before={k: v if v is None else v * factor for k, v in before.items()},
         after={k: v if v is None else v * factor for k, v in after.items()},
-        floor=floor * floor_factor if floor else None,
-        floor_unit=floor_label,
+        floor=in_unit(floor or None, *floor_unit(floor, unit, factor, label)),
         floor_source=record.noise_floor_source[name],
         ratio=shown / before[part] if before[part] else None,
         over=shown / floor if floor and shown is not None else None,
@@ -357,8 +356,7 @@ def stage_errors(diagnosis: Diagnosis) -> StageErrors:
         factor, unit = scaled_unit(own, stages[-1][parts[-1]]["rmse"][name])
         errors = {part: [factor * stage[part]["rmse"][name] for stage in stages] for part in parts}
         floor, title = record.noise_floor[name], f"RMSE of {titled(name, unit)}"
-        floor_factor, floor_unit = scaled_unit(own, floor)
-        floor_text = with_unit(significant(floor and floor * floor_factor), floor_unit)
+        floor_text = in_unit(floor, *scaled_unit(own, floor))
         floor = floor * factor if floor else None
     judged = errors[parts[-1]]
     decades = min(judged) > 0 and max(judged) > SETTINGS.worth_a_logarithm * min(judged)

@@ -44,21 +44,17 @@ FLOOR_SOURCES = {
 
 @dataclass(frozen=True)
 class OutputError:
-    """RMSE of one output; None where there is none.
+    """RMSE of one output as it is shown, fit and test in one unit, the others in units of their own: the nominal error
+    may well be a thousand times the fitted one, and that a thousand times the noise floor.
 
-    fit and test are in `unit`, the others in units of their own, which may all carry a prefix: the nominal
-    error may well be a thousand times the fitted one, and that a thousand times the noise floor.
-    ratio: of the held-out error (the fitted one where nothing was held out) to the noise floor.
+    ratio: of the held-out error (the fitted one where nothing was held out) to the noise floor; None without one.
     """
 
     name: str
-    unit: str
-    nominal: float | None
-    nominal_unit: str
-    fit: float | None
-    test: float | None
-    floor: float | None
-    floor_unit: str
+    fit: str
+    test: str
+    nominal: str
+    floor: str
     floor_source: str
     ratio: float | None
 
@@ -103,6 +99,11 @@ def next_command(record: EstimateRecord, folder: str | None) -> str | None:
     if command is None or folder is None or not command.endswith(here):
         return command
     return f"{command.removesuffix(here)} {shlex.quote(folder)}"
+
+
+def in_unit(value: float | None, factor: float, unit: str) -> str:
+    """A value times the factor, which brings it to the unit; missing where there is none."""
+    return with_unit(significant(None if value is None else value * factor), unit)
 
 
 def normalized(record: EstimateRecord, part: str) -> float | None:
@@ -276,18 +277,13 @@ def _output_error(record: EstimateRecord, name: str, unit: str, nominal: float |
     rmse = {part: (record.error[part] or {"rmse": {}})["rmse"].get(name) for part in ("fit", "test")}
     floor = record.noise_floor[name]
     shown = rmse["test"] if rmse["test"] is not None else rmse["fit"]
-    factor, label = scaled_unit(unit, shown or floor)
-    nominal_factor, nominal_label = scaled_unit(unit, nominal)
-    floor_factor, floor_label = floor_unit(floor, unit, factor, label)
+    scale = scaled_unit(unit, shown or floor)
     return OutputError(
         name=name,
-        unit=label,
-        nominal=_times(nominal, nominal_factor),
-        nominal_unit=nominal_label,
-        fit=_times(rmse["fit"], factor),
-        test=_times(rmse["test"], factor),
-        floor=_times(floor, floor_factor),
-        floor_unit=floor_label,
+        fit=in_unit(rmse["fit"], *scale),
+        test=in_unit(rmse["test"], *scale),
+        nominal=in_unit(nominal, *scaled_unit(unit, nominal)),
+        floor=in_unit(floor, *floor_unit(floor, unit, *scale)),
         floor_source=record.noise_floor_source[name],
         ratio=shown / floor if floor and shown is not None else None,
     )
@@ -303,10 +299,6 @@ def _nominal_rmse(estimate: Estimate) -> list[float | None]:
         square = np.square(measured - np.asarray(estimate.arrays["step/nominal"])[rows])
         rmse = np.sqrt(np.where(sampled, square, 0.0).sum(axis=0) / sampled.sum(axis=0))
     return [float(r) if np.isfinite(r) else None for r in rmse]
-
-
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
 
 
 def _at_bound(name: str, parameter: Mapping[str, Any]) -> str:

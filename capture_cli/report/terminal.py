@@ -233,10 +233,7 @@ def _errors(errors: list[findings.OutputError]) -> list[list[str]]:
     farthest = sorted(errors, key=lambda e: -(e.ratio or 0.0))[: _shown(len(errors), SETTINGS.most_outputs)]
     rows = [["output", "fitted", "held out", "nominal", "noise floor", "over the floor"]]
     for e in (e for e in errors if e in farthest):
-        nominal = with_unit(significant(e.nominal), e.nominal_unit)
-        values = [with_unit(significant(v), e.unit) for v in (e.fit, e.test)]
-        floor = with_unit(significant(e.floor), e.floor_unit)
-        rows.append([e.name, *values, nominal, floor, with_unit(significant(e.ratio), "×")])
+        rows.append([e.name, e.fit, e.test, e.nominal, e.floor, with_unit(significant(e.ratio), "×")])
     return rows
 
 
@@ -278,7 +275,7 @@ def _error_line(diagnosis: Diagnosis) -> str:
     farthest = sorted(rows, key=lambda row: -(row.over_before or 0.0))[: SETTINGS.most_named]
     each = ", ".join(_change(row, part, record) for row in rows if row in farthest)
     if len(rows) == 1:
-        return f"{each} {on}; noise floor {with_unit(significant(rows[0].floor), rows[0].floor_unit)}"
+        return f"{each} {on}; noise floor {rows[0].floor}"
     before, after = (significant(record.stages[k][part]["normalized"]) for k in (0, -1))
     both = f"{before} → {after}" if record.effects else after
     return f"{both} × noise floor {on} ({each})"
