@@ -14,7 +14,7 @@ import numpy as np
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.documents import read_json
 from capture_cli.errors import CaptureError, StoreError
-from capture_cli.log.checks.base import Finding, finding
+from capture_cli.log.checks.base import Finding, finding, note, warning
 from capture_cli.log.checks.equal_episodes import equal_episodes
 from capture_cli.log.checks.even_times import jitter
 from capture_cli.log.checks.held_outputs import rows_per_sample, sample_rate, slices_within
@@ -243,12 +243,12 @@ def _import_findings(recordings: Sequence[Mapping[str, Any]]) -> list[Finding]:
 
 def _evened(recording: Mapping[str, Any]) -> Finding:
     what = f"samples were put at even times on import: stamps were off by {1e3 * recording['evened_times']:.3g} ms"
-    return finding("note", recording["name"], what, NOTHING_TO_DO)
+    return note(recording["name"], what, NOTHING_TO_DO)
 
 
 def _noted(recordings: Sequence[Mapping[str, Any]], key: str, what: str) -> list[Finding]:
     """A note of how many rows the import counted under `key`, on each recording where it did."""
-    return [finding("note", r["name"], f"{r[key]} {what}", NOTHING_TO_DO) for r in recordings if r.get(key)]
+    return [note(r["name"], f"{r[key]} {what}", NOTHING_TO_DO) for r in recordings if r.get(key)]
 
 
 def _repeated(log: MeasuredLog) -> Iterator[Finding]:
@@ -259,13 +259,12 @@ def _repeated(log: MeasuredLog) -> Iterator[Finding]:
         more = f", and {len(pairs) - 1} more do likewise" if len(pairs) > 1 else ""
         what = f"holds the same as episode {earlier} ({names[1]}){more}"
         cure = "import again and give each recording once: what is held out may be what was fitted, and no test of it"
-        yield finding("warning", f"{names[0]}, episode {later}", what, cure)
+        yield warning(f"{names[0]}, episode {later}", what, cure)
 
 
 def _cut_off(recording: Mapping[str, Any]) -> Finding:
     """The finding that the recording's file seems to end in mid-number."""
-    return finding(
-        "warning",
+    return warning(
         recording["name"],
         f"{recording['source']} ends in {recording['cut_off']!r}, without a line break and with fewer decimals than "
         "the values above it: was it cut off in mid-number?",
@@ -278,9 +277,8 @@ def _dropped(recording: Mapping[str, Any]) -> Finding:
     name, dropped, steps = (recording[key] for key in ("name", "dropped_rows", "steps"))
     many_dropped = 0.1  # of a recording's rows
     if dropped < many_dropped * (dropped + steps):
-        return finding("note", name, f"{dropped} incomplete rows were dropped on import", NOTHING_TO_DO)
-    return finding(
-        "warning",
+        return note(name, f"{dropped} incomplete rows were dropped on import", NOTHING_TO_DO)
+    return warning(
         name,
         f"{dropped} of {dropped + steps} rows were incomplete and dropped on import, with what drove the machine "
         "in them",
@@ -355,7 +353,7 @@ def _inspect_zarr(path: Path, seen: Inspection) -> None:
         schema.read(path)
     if not str(found).startswith("capture/"):
         cure = "convert its columns to CSV or Parquet, then `capture import-log`"
-        seen.findings.append(finding("note", "store", "this store was not written by `capture`", cure))
+        seen.findings.append(note("store", "this store was not written by `capture`", cure))
 
 
 def _inspect_histories(path: Path, seen: Inspection) -> None:
@@ -377,6 +375,6 @@ def _inspect_provenance(path: Path, seen: Inspection) -> None:
         check_shape(found, OBJECT, file, cure)
         seen.provenance = {k: found.get(k) for k in ("command", "capture", "began", "seconds", "inputs")}
     except StoreError as error:
-        seen.findings.append(finding("warning", PROVENANCE, error.message, error.cure))
+        seen.findings.append(warning(PROVENANCE, error.message, error.cure))
     if seen.kind == "directory" and seen.provenance:
         seen.sizes = {"files": sum(1 for f in path.rglob("*") if f.is_file())}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from capture_cli.errors import LONGEST, LONGEST_CURE, cut
@@ -18,6 +19,9 @@ def finding(severity: str, where: str, message: str, cure: str) -> Finding:
     """severity: "error", "warning" or "note". where: the channel, recording or file. cure: what to do."""
     shown = (cut(message, LONGEST - LONGEST_CURE), cut(cure, LONGEST_CURE))
     return {"severity": severity, "where": where, "message": shown[0], "cure": shown[1]}
+
+
+error, warning, note = (partial(finding, severity) for severity in ("error", "warning", "note"))
 
 
 @dataclass(frozen=True)

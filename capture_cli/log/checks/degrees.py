@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from capture_cli.log.checks.base import Check, finding
+from capture_cli.log.checks.base import Check, warning
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Channel, Task
 
@@ -37,8 +37,7 @@ class Degrees(Check):
             for name, how, reference in others:
                 likeness, factor = _likeness(angle, reference, log.episodes)
                 if likeness < -correlated:
-                    yield finding(
-                        "warning",
+                    yield warning(
                         f"output {c.name}",
                         f"goes down where {how}{name} goes up: does one of them count the other way?",
                         "write a negative scale under the one that does, and import again",
@@ -50,8 +49,7 @@ class Degrees(Check):
                     continue
                 large, small = (f"output {c.name}", name) if factor > 1 else (name, f"output {c.name}")
                 degrees = "deg/s" if how and large == name else "deg"
-                yield finding(
-                    "warning",
+                yield warning(
                     f"output {c.name}",
                     f"moves {factor:.3g} times as far as {how}{name} says: is {large} in degrees, and {small} in rad?",
                     f'write column_unit = "{degrees}" under {large}, as the model is in rad, and import again',

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.log.checks.base import Check, finding
+from capture_cli.log.checks.base import Check, error, warning
 from capture_cli.log.shorter_window import set_shorter
 from capture_cli.log.step_length import unsuitable_step
 from capture_cli.log.windows import SETTINGS as WINDOWS
@@ -23,15 +23,13 @@ class Lengths(Check):
         window, interval = task.log.window, float(np.median(intervals))
         window_samples = 5  # fewer in a window say little
         if window is not None and longest["duration"] < WINDOWS.shortest_episode * window:
-            yield finding(
-                "error",
+            yield error(
                 "episodes",
                 f"the longest lasts {longest['duration']:.3g} s, and a window {window:g} s",
                 set_shorter(longest["duration"], longest["steps"], option=True),
             )
         elif window is not None and window < window_samples * interval:
-            yield finding(
-                "warning",
+            yield warning(
                 "time",
                 f"a window of {window:g} s holds {window / interval:.2g} samples, {interval:.3g} s apart",
                 f"set a longer [log] window{_time_unit(interval, task.log.time_scale)}",
@@ -40,10 +38,9 @@ class Lengths(Check):
             task.timestep, interval, longest["duration"] if window is None else window
         )
         if unsuitable is not None:
-            yield finding("error", "time", *unsuitable)
+            yield error("time", *unsuitable)
         elif task.timestep > 1.001 * interval:
-            yield finding(
-                "warning",
+            yield warning(
                 "time",
                 f"the model steps by {task.timestep:g} s, coarser than the log's {interval:.3g} s",
                 "set a smaller timestep in the model's <option>",

@@ -14,7 +14,7 @@ from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import percent, with_unit
 from capture_cli.log.checks import in_order
-from capture_cli.log.checks.base import Finding, Inspected, finding
+from capture_cli.log.checks.base import Finding, Inspected, error, finding, note, warning
 from capture_cli.log.measured_log import SETTINGS as MEASURED_LOG
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.contacts import can_touch
@@ -64,8 +64,7 @@ def _timing(episodes: Sequence[Mapping[str, Any]], jitter: Mapping[str, Any] | N
             episodes, key, lambda p: f"after {p['time']:.6g} s (step {p['step']})"
         )
         if count:
-            yield finding(
-                "error",
+            yield error(
                 where,
                 f"time {what} in {count} place{'s' * (count > 1)}: {examples}",
                 "sort the rows by time, remove repeated ones, and import the files again; where an episode "
@@ -75,8 +74,7 @@ def _timing(episodes: Sequence[Mapping[str, Any]], jitter: Mapping[str, Any] | N
         episodes, "gaps", lambda p: f"{p['interval']:.3g} s after {p['time']:.6g} s"
     )
     if count:
-        yield finding(
-            "warning",
+        yield warning(
             where,
             f"{count} gap{'s' * (count > 1)} in the sampling: {examples}",
             "windows end at a gap, so nothing needs doing; look for lost messages if there are many",
@@ -84,8 +82,7 @@ def _timing(episodes: Sequence[Mapping[str, Any]], jitter: Mapping[str, Any] | N
     uneven = [e for e in episodes if e["jitter_sd"] is not None and e["jitter_sd"] > SETTINGS.uneven]
     if uneven and jitter is None:
         worst = max(uneven, key=lambda e: e["jitter_sd"])
-        yield finding(
-            "note",
+        yield note(
             _episode(worst) if len(uneven) == 1 else f"{len(uneven)} episodes",
             f"sampling is uneven: the interval's sd is {percent(worst['jitter_sd'])} of its median, "
             f"the longest is {worst['jitter_max']:.3g} times the median",
@@ -102,8 +99,7 @@ def _jitter(jitter: Mapping[str, Any] | None, channels: Sequence[Mapping[str, An
         f"{name} has a noise of {_in_unit(there, own[name])} there, and {_in_unit(here, own[name])} at its stamps"
         for name, (here, there) in jitter["smoother"].items()
     ]
-    yield finding(
-        "warning",
+    yield warning(
         "time",
         f"time stamps jitter by {1e3 * jitter['sd']:.3g} ms (sd) about even times: {_listed(smoother, len(smoother))}",
         "import the files again with --even-times, or stamp samples where they are measured and not where they arrive",
@@ -142,16 +138,14 @@ def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
     bad = channel["nan"] + channel["infinite"]
     if bad:
         steps = _listed((f"step {i}" for i in channel["bad_steps"]), bad)
-        yield finding(
-            "error",
+        yield error(
             where,
             f"{bad} values are NaN, infinite or beyond {DOCUMENTS.largest:g}: {steps}",
             "import the files again with --drop-nan, or correct them in the source",
         )
     sampling = channel.get("sampling")
     if sampling is not None and sampling["fewest"] < MEASURED_LOG.fewest_of_a_sparse:
-        yield finding(
-            "error",
+        yield error(
             where,
             f"is sparse, and an episode has {sampling['fewest']} samples of it; "
             f"{MEASURED_LOG.fewest_of_a_sparse} are needed",
@@ -193,15 +187,13 @@ def _input(channel: Mapping[str, Any]) -> Iterator[Finding]:
         and moves["at_rest"] > SETTINGS.mostly_at_rest
         and not channel["constant"]
     ):
-        yield finding(
-            "note",
+        yield note(
             where,
             f"is at rest (near 0) for {percent(moves['at_rest'])} of the samples",
             "excite it for longer if intervals come out wide",
         )
     if moves["single_frequency"] is not None:
-        yield finding(
-            "warning",
+        yield warning(
             where,
             f"changes at a single frequency, {moves['single_frequency']:.3g} Hz",
             "one frequency cannot tell inertia from stiffness: use several, steps, or a sweep",
@@ -224,8 +216,7 @@ def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
     where, grid = f"output {channel['name']}", channel["quantisation"]
     for extreme in _extremes(channel):
         if extreme["visits"] >= SETTINGS.several_visits:
-            yield finding(
-                "warning",
+            yield warning(
                 where,
                 f"is at exactly {_in_unit(extreme['value'], channel, 6)} for {percent(extreme['share'])} "
                 f"of the samples, in {extreme['visits']} stays: the sensor's range, or an end stop?",
@@ -233,8 +224,7 @@ def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
             )
     moves_less = grid["step"] is not None and grid["change"] is not None and grid["change"] <= grid["step"]
     if moves_less and channel["held"] is None:  # of one that repeats its samples most changes are 0
-        yield finding(
-            "note",
+        yield note(
             where,
             f"is quantised in steps of {_in_unit(grid['step'], channel)} "
             f"(sd {grid['step'] / np.sqrt(12):.2g}), and moves less than that from sample to sample",
@@ -244,8 +234,7 @@ def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
     if out["count"]:
         count = out["count"]
         ends = f" ({out['ends']} of them at an end of an episode)" if out["ends"] else ""
-        yield finding(
-            "warning",
+        yield warning(
             where,
             f"{count} single sample{'s stand' if count > 1 else ' stands'} out, by up to "
             f"{_in_unit(out['largest'], channel)}: {_listed((f'step {i}' for i in out['first']), count)}{ends}",
@@ -263,8 +252,7 @@ def _held(channels: Sequence[Mapping[str, Any]], task: Task | None) -> Iterator[
         fastest = min(own, key=lambda c: c["held"]["rows"])
         rows, rate = fastest["held"]["rows"], fastest["held"]["rate"]
         how_often = "" if rate is None else f": {rate:.3g} times per second, of {rate * rows:.3g} rows"
-        yield finding(
-            "warning",
+        yield warning(
             f"output {sensor if len(own) > 1 else fastest['name']}",
             f"changes only every {rows:.3g} rows{how_often}; between its samples it repeats the last one",
             _cure_of_held(fastest, sensor, task),
@@ -303,8 +291,7 @@ def _cure_of_spikes(task: Task | None, *, all_at_ends: bool) -> str:
 
 def _names(log: MeasuredLog, task: Task) -> Iterator[Finding]:
     if log.task != task.name:
-        yield finding(
-            "warning",
+        yield warning(
             "task",
             f"the log was made for the task {log.task!r}, and --task is {task.name!r}",
             "give the task it was made with, or import the files again with this one",
@@ -316,8 +303,7 @@ def _names(log: MeasuredLog, task: Task) -> Iterator[Finding]:
         yield from _channel_names(kind, names, units, channels, task.name)
     made_sparse = (_sensor(c, task) for c in task.outputs if c.name in log.sparse and not c.sparse)
     for sensor in dict.fromkeys(made_sparse):
-        yield finding(
-            "error",
+        yield error(
             f"output {sensor}",
             f"the log has it as sparse, and task {task.name!r} does not",
             f"write sparse = true under [outputs.{sensor}]",
@@ -329,9 +315,9 @@ def _channel_names(kind: str, names, units, channels: Sequence[Channel], task: s
     again = "import the files again with this task"
     if tuple(names) != expected:
         message = f"the log has ({', '.join(names)}); task {task!r} has ({', '.join(expected)})"
-        yield finding("error", kind, message, again)
+        yield error(kind, message, again)
         return
     for c, unit in zip(channels, units, strict=True):
         if unit != c.unit:
             message = f"the log has it in {unit!r}, task {task!r} in {c.unit!r}"
-            yield finding("error", f"{kind[:-1]} {c.name}", message, again)
+            yield error(f"{kind[:-1]} {c.name}", message, again)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.log.checks.base import Check, finding
+from capture_cli.log.checks.base import Check, warning
 from capture_cli.model.quaternion_order import SETTINGS as QUATERNION_ORDER
 from capture_cli.model.quaternion_order import is_w_last, order_in_names
 from capture_cli.model.quaternion_signs import quaternion_columns
@@ -28,8 +28,7 @@ class QuaternionOrder(Check):
             if order != QUATERNION_ORDER.w_first:
                 found = ", ".join("wxyz"[order.index(k)] for k in range(4))
                 mended = ", ".join(f'"{columns[k]}"' for k in order)
-                yield finding(
-                    "warning",
+                yield warning(
                     f"output {task.model.sensor(sensor).name}",
                     f"its columns, {', '.join(columns)}, are read as w, x, y, z{said.format(found)}",
                     f"write column = [{mended}] if that is their order, and import the files again",

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.common.quantities import percent
-from capture_cli.log.checks.base import Check, finding
+from capture_cli.log.checks.base import Check, warning
 
 
 class Ranges(Check):
@@ -20,8 +20,7 @@ class Ranges(Check):
                     log.inputs[:, k], model.actuator_ctrlrange[c.index], slack=rounded
                 )
                 if share:
-                    yield finding(
-                        "warning",
+                    yield warning(
                         f"input {c.name}",
                         f"{percent(share, 1)} of the samples are outside ctrlrange ({low:g}, {high:g}): MuJoCo clips",
                         "widen ctrlrange in the model, or correct scale and offset",
@@ -36,8 +35,7 @@ class Ranges(Check):
                     log.outputs[sampled[:, k], k], model.jnt_range[joint], slack=range_slack
                 )
                 if share:
-                    yield finding(
-                        "warning",
+                    yield warning(
                         f"output {c.name}",
                         f"{percent(share, 1)} of the samples lie outside the joint's range ({low:g}, {high:g})",
                         "check scale and offset (degrees, another zero?), or the joint's range",

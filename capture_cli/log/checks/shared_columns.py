@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from capture_cli.log.checks.base import Check, finding
+from capture_cli.log.checks.base import Check, warning
 from capture_cli.model.tasks.base import Channel
 
 
@@ -12,8 +12,7 @@ class SharedColumns(Check):
         driving: dict[str, Channel] = {}
         for channel in task.inputs:
             if driving.setdefault(channel.column, channel) is not channel:
-                yield finding(
-                    "warning",
+                yield warning(
                     f"input {channel.name}",
                     f"reads column {channel.column!r}, as input {driving[channel.column].name} does",
                     "nothing to do if one command drives both; otherwise give each its column, and import the files "
@@ -25,8 +24,7 @@ class SharedColumns(Check):
             if first is not output:
                 driven = "what drives the machine is no measurement of it"
                 why = driven if kind == "input" else "it counts twice"
-                yield finding(
-                    "warning",
+                yield warning(
                     f"output {output.name}",
                     f"reads column {output.column!r}, as {kind} {first.name} does: {why}",
                     "give the column that this output is measured by, or remove it, and import the files again",

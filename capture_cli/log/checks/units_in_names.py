@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from capture_cli.log.checks.base import Check, finding
+from capture_cli.log.checks.base import Check, warning
 from capture_cli.model.sensor_units import unit_in_name
 
 
@@ -19,8 +19,7 @@ class UnitsInNames(Check):
             if named:
                 written, factor = named
                 key = f"[log] time_scale = {factor:.8g}" if where == "time" else f'column_unit = "{written}"'
-                yield finding(
-                    "warning",
+                yield warning(
                     where,
                     f"column {column!r} is read as {unit}, and its name ends in {written}",
                     f"write {key} if it is in {written}, and import again",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.log.checks.base import Check, finding
+from capture_cli.log.checks.base import Check, warning
 
 
 class WholeTurns(Check):
@@ -28,8 +28,7 @@ class WholeTurns(Check):
                 jumps = np.abs(steps - 2 * np.pi) < turn_slack
             if jumps.any() and np.median(steps) < turn_slack:
                 count = int(jumps.sum())
-                yield finding(
-                    "warning",
+                yield warning(
                     f"output {c.name}",
                     f"jumps by a whole turn in {count} place{'s' * (count > 1)}, and the angle of a hinge does not",
                     f"write period = {2 * np.pi / abs(c.scale):.6g} under [outputs.{c.name}] and import again",

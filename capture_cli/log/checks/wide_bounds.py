@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 
 from capture_cli.common.quantities import bound, significant, with_unit
-from capture_cli.log.checks.base import Finding, finding
+from capture_cli.log.checks.base import Finding, warning
 from capture_cli.model.tasks.base import Task
 
 
@@ -27,13 +27,10 @@ def wide_bounds(task: Task) -> Iterator[Finding]:
         if size == 0 or p.low < 0 < p.high:
             if p.span > vast:
                 what = f"its bounds, {bounds}, are wider than any place or bias of a machine"
-                yield finding(
-                    "warning", where, what, f"give [parameters.{p.name}] bounds that the machine can have"
-                )
+                yield warning(where, what, f"give [parameters.{p.name}] bounds that the machine can have")
         elif p.span > wide * size:
             step = with_unit(significant(p.step * p.span, 2), p.unit)
-            yield finding(
-                "warning",
+            yield warning(
                 where,
                 f"its bounds, {bounds}, span {significant(p.span / size, 2)} times its nominal value, "
                 f"{with_unit(significant(p.nominal, 3), p.unit)}: a fit sees slopes over {p.step:g} of the range, "

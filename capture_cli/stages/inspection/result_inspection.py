@@ -13,7 +13,7 @@ from capture_cli.common.quantities import told
 from capture_cli.context.checkpoints import identifier_checkpoint, policy_checkpoint
 from capture_cli.context.checkpoints.training_state import METRICS
 from capture_cli.errors import CaptureError
-from capture_cli.log.checks.base import Finding, finding
+from capture_cli.log.checks.base import Finding, finding, note, warning
 from capture_cli.model.tasks import REGISTRY as TASKS
 from capture_cli.model.tasks import load_task
 from capture_cli.report.findings import cut_short, is_fit_explained, jitter_share, not_alike
@@ -63,8 +63,8 @@ def inspect_result(path: Path, seen: Inspection) -> None:
 
 def _missing(name: str, how: str) -> Finding:
     if name == PROVENANCE:
-        return finding("warning", name, how, OF_PROVENANCE)
-    return finding("note", name, how, f"{COPY_AGAIN}, or do without: no command reads it")
+        return warning(name, how, OF_PROVENANCE)
+    return note(name, how, f"{COPY_AGAIN}, or do without: no command reads it")
 
 
 def _header(seen: Inspection, found: Mapping[str, Any], *without: str) -> None:
@@ -89,17 +89,17 @@ def _fitted(kind: type[Result], path: Path, seen: Inspection) -> None:
 def _verdict(result: Mapping[str, Any], path: Path) -> Iterator[Finding]:
     if result["verdict"] == "unexplained":
         cure = _cure_of_unexplained(result, path)
-        yield finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
+        yield warning("verdict", "the residual is above the noise floor: unexplained", cure)
     for name, parameter in result["parameters"].items():
         if not parameter.get("identifiable", True):
             cure = "record a motion in which it matters, or leave it out of the task.toml"
             only = f": it is {told(parameter)}" if parameter.get("limits") else ""
-            yield finding("warning", f"parameter {name}", f"the log does not determine it{only}", cure)
+            yield warning(f"parameter {name}", f"the log does not determine it{only}", cure)
         elif parameter.get("at_bound"):
             cure = (
                 "widen its bounds if the value is physical; otherwise something else is missing in the model"
             )
-            yield finding("warning", f"parameter {name}", "is at a bound", cure)
+            yield warning(f"parameter {name}", "is at a bound", cure)
 
 
 def _cure_of_unexplained(result: Mapping[str, Any], path: Path) -> str:
@@ -127,7 +127,7 @@ def _log_changed(log: Mapping[str, Any]) -> Iterator[Finding]:
     path = Path(log["path"])
     if path.exists() and sha256(path) != log.get("sha256"):
         cure = "make the result again from the log as it is now"
-        yield finding("warning", "log", f"{path} has changed since", cure)
+        yield warning("log", f"{path} has changed since", cure)
 
 
 # --- what was trained, and how it does ---

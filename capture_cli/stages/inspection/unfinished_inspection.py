@@ -6,7 +6,7 @@ from pathlib import Path
 
 from capture_cli.context.checkpoints.training_state import METRICS, read_state
 from capture_cli.errors import StoreError
-from capture_cli.log.checks.base import finding
+from capture_cli.log.checks.base import warning
 from capture_cli.stages.evaluation.evaluation_run import PARTS, RECIPE
 from capture_cli.stages.search_checkpoint import STEPS
 from capture_cli.store.histories import HistoriesWriter
@@ -33,7 +33,7 @@ def inspect_unfinished(path: Path, seen: Inspection) -> None:
     else:
         found = "run, which has kept nothing", ANEW
     what, cure = found
-    seen.findings.append(finding("warning", path.name, f"an unfinished {what}", cure))
+    seen.findings.append(warning(path.name, f"an unfinished {what}", cure))
 
 
 def _training(path: Path, seen: Inspection) -> tuple[str, str] | None:
