@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.documents import exists
-from capture_cli.common.frozen import frozen
 from capture_cli.common.signals import uninterrupted
 from capture_cli.errors import StoreError
 from capture_cli.store.array_metadata import ArrayMetadata, array_metadata
@@ -35,12 +34,6 @@ from capture_cli.store.document_shape import (
 )
 from capture_cli.store.schema import ArraySpec, Schema
 from capture_cli.store.zarr_store import MAKE_AGAIN, ROOT, ZarrStore
-
-
-@frozen
-class SETTINGS:
-    chunk_pairs: int = 64  # the unit of reading
-
 
 MARKS = "written"
 
@@ -147,11 +140,11 @@ class HistoriesWriter:
         header = {"format": SCHEMA.format, "version": SCHEMA.version, "complete": False}
         sizes = _sizes(attributes)
         pairs, shard = sizes["pair"], attributes["shard_pairs"]
+        chunk = math.gcd(64, shard)  # pairs, the unit of reading
         with self._while_zarr_writes():
-            group = self._emptied()
+            group = self.clear()
             for spec in DATA:
                 rest = tuple(sizes[d] for d in spec.dims[1:])
-                chunk = math.gcd(SETTINGS.chunk_pairs, shard)
                 _create(group, spec, (pairs, *rest), (chunk, *rest), (shard, *rest))
             _create(group, SCHEMA.arrays[-1], (sizes["shard"],), (1,), None)
             # last: until now, whoever opens it finds no store
@@ -171,11 +164,8 @@ class HistoriesWriter:
         SCHEMA.check_header(self.location, found)
         return found
 
-    def clear(self) -> None:
-        """Remove what is there."""
-        self._emptied()
-
-    def _emptied(self):
+    def clear(self):
+        """Remove what is there; returns the group, in which nothing is left."""
         import zarr
 
         return zarr.open_group(self.location, mode="w", zarr_format=3)
