@@ -108,7 +108,8 @@ def test_invariants_hold_wherever_source_and_target_lie(name, seed, rounds, alph
     source, target, uniform = draws(seed, pairs=50, rounds=rounds)
     if at_bound:
         target[:10], source[10:20], target[20:30] = LOW, HIGH, source[20:30]
-    path = walk(name, source, target, uniform, alpha=alpha)
+    options = {} if REGISTRY.get(name).alpha is None else {"alpha": alpha}
+    path = walk(name, source, target, uniform, **options)
     assert np.array_equal(path[:, -1], target)
     assert np.all((path >= LOW) & (path <= HIGH))
     if name in BRACKETS:

@@ -22,7 +22,6 @@ from capture_cli.context.histories.moving_parameters import check_parameters_mov
 from capture_cli.context.histories.resumed_histories import is_complete, place, shards_to_make
 from capture_cli.context.observation_noise import standard_deviations
 from capture_cli.context.search import REGISTRY as SEARCHES
-from capture_cli.context.search.base import SETTINGS as BASE
 from capture_cli.context.search.base import Search
 from capture_cli.errors import OptionError
 from capture_cli.model.effects.ranges import EffectRanges
@@ -139,13 +138,13 @@ def _search(name: str, alpha: float | None) -> Search:
     cls = SEARCHES.get(name)
     if alpha is None:
         return cls()
-    if not cls.takes_alpha:
+    if cls.alpha is None:
         raise OptionError(
             f"--alpha {alpha:g}: {name} draws from no Beta",
             cure="leave it out, or --search randomized-binary",
         )
     if not 0 < alpha < np.inf:
-        raise OptionError(f"--alpha {alpha:g}", cure=f"give a positive number; the paper's is {BASE.alpha:g}")
+        raise OptionError(f"--alpha {alpha:g}", cure=f"give a positive number; the paper's is {cls.alpha:g}")
     return cls(alpha)
 
 
@@ -164,7 +163,7 @@ def _attributes(recipe: Recipe, options: GenHistoriesOptions) -> dict[str, Any]:
         "shard_pairs": options.shard_pairs,
         "rounds": recipe.rounds,
         "search": options.search,
-        "alpha": float(recipe.search.alpha) if recipe.search.takes_alpha else None,
+        "alpha": None if recipe.search.alpha is None else float(recipe.search.alpha),
         "effects": recipe.effects.rows(),
         "noise": recipe.noise,
         "noise_sd": {f.name: s for f, s in zip(task.features, recipe.noise_sd, strict=True)},

@@ -6,25 +6,15 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from capture_cli.common.frozen import frozen
-
-
-@frozen
-class SETTINGS:
-    alpha: float = 5.0  # shape of the symmetric Beta; 5 keeps samples off the bracket's ends
-
 
 class Search(ABC):
     """Walks from a source to a target that it knows, as an identifier that does not know it should.
 
-    alpha: shape of the symmetric Beta(alpha, alpha) that a strategy with `takes_alpha` draws from.
+    alpha: shape of the symmetric Beta that a strategy draws from, which takes another; None where it draws from none.
     """
 
     summary: str
-    takes_alpha = False
-
-    def __init__(self, alpha: float = SETTINGS.alpha):
-        self.alpha = alpha
+    alpha: float | None = None
 
     def walk(
         self, source: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray, uniform: np.ndarray
