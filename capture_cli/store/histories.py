@@ -134,10 +134,7 @@ class HistoriesWriter:
 
     def create(self, attributes: Mapping[str, Any]) -> None:
         """Make a store without shards, described by all `attributes` of the schema but `complete`."""
-        missing = set(SCHEMA.attributes) - {"complete"} - set(attributes)
-        if missing:
-            raise ValueError(f"{SCHEMA.format}: attributes {sorted(missing)} are not given")
-        header = {"format": SCHEMA.format, "version": SCHEMA.version, "complete": False}
+        header = SCHEMA.header({"complete": False, **attributes})
         sizes = _sizes(attributes)
         pairs, shard = sizes["pair"], attributes["shard_pairs"]
         chunk = math.gcd(64, shard)  # pairs, the unit of reading
@@ -148,7 +145,7 @@ class HistoriesWriter:
                 _create(group, spec, (pairs, *rest), (chunk, *rest), (shard, *rest))
             _create(group, SCHEMA.arrays[-1], (sizes["shard"],), (1,), None)
             # last: until now, whoever opens it finds no store
-            group.attrs.update({**header, **attributes})
+            group.attrs.update(header)
 
     def attributes(self) -> dict[str, Any] | None:
         """Those of the store there, None where there is none. Raises StoreError where that cannot be told."""
@@ -160,9 +157,7 @@ class HistoriesWriter:
             return None
         if not found:
             return None  # a run that was killed before it had described the store
-        found = SCHEMA.migrated(found)
-        SCHEMA.check_header(self.location, found)
-        return found
+        return SCHEMA.checked(self.location, found)
 
     def clear(self):
         """Remove what is there; returns the group, in which nothing is left."""
@@ -226,8 +221,7 @@ class Histories:
             self._store = _open(self.location)
         except FileNotFoundError as error:
             raise StoreError(f"{location} does not exist", cure=_CHECK_URL) from error
-        self.attributes = SCHEMA.migrated(self._store.attributes)
-        SCHEMA.check_header(self.location, self.attributes)
+        self.attributes = SCHEMA.checked(self.location, self._store.attributes)
         check_shape(self.attributes, SHAPE, self.location, SCHEMA.cure_for_other_version)
         if not self.attributes["complete"]:
             raise StoreError(
@@ -290,16 +284,13 @@ def _sizes(attributes: Mapping[str, Any]) -> dict[str, int]:
 def _create(group, spec: ArraySpec, shape, chunks, shards) -> None:
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
-    group.create_array(
-        spec.path,
+    spec.created(
+        group,
         shape=shape,
-        dtype=spec.dtype,
         chunks=tuple(max(1, n) for n in chunks),
         shards=None if shards is None else tuple(max(1, n) for n in shards),
         compressors=(ZstdCodec(level=0), Crc32cCodec()),
         fill_value=0 if spec.path == MARKS else float("nan"),  # what was never written cannot pass for data
-        dimension_names=spec.dims,
-        attributes={"unit": spec.unit, "meaning": spec.meaning},
     )
 
 

@@ -42,6 +42,13 @@ class ArraySpec:
     def dims(self) -> tuple[str, ...]:
         return tuple(self.axes.split())
 
+    def created(self, group, **how: Any):
+        """A new Zarr array of it in `group`. how: shape, chunks, compressors."""
+        described = {"unit": self.unit, "meaning": self.meaning}
+        return group.create_array(
+            self.path, dtype=self.dtype, dimension_names=self.dims, attributes=described, **how
+        )
+
 
 # windows and their steps, in every result that has windows
 WINDOWS = (
@@ -85,11 +92,8 @@ class Schema:
         """
         import zarr
 
-        missing = set(self.attributes) - set(attributes)
-        if missing:
-            raise ValueError(f"{self.format}: attributes {sorted(missing)} are not given")
+        header = self.header(attributes)
         with zarr.config.set({"array.write_empty_chunks": True}):
-            header = {"format": self.format, "version": self.version, **attributes}
             group = zarr.open_group(str(path), mode="w", zarr_format=3, attributes=header)
             for spec in self.arrays:
                 if spec.path not in arrays:
@@ -97,6 +101,13 @@ class Schema:
                         raise ValueError(f"{self.format}: array {spec.path} is not given")
                     continue
                 self._write_array(group, spec, np.asarray(arrays[spec.path]))
+
+    def header(self, attributes: Mapping[str, Any]) -> dict[str, Any]:
+        """The attributes of a new store, with its format and version. Raises ValueError where some are not given."""
+        missing = set(self.attributes) - set(attributes)
+        if missing:
+            raise ValueError(f"{self.format}: attributes {sorted(missing)} are not given")
+        return {"format": self.format, "version": self.version, **attributes}
 
     @staticmethod
     def _write_array(group, spec: ArraySpec, values: np.ndarray) -> None:
@@ -107,16 +118,8 @@ class Schema:
         chunk_bytes = 4 << 20
         rows = max(1, min(values.shape[0] if values.ndim else 1, chunk_bytes // row_bytes))
         chunks = (rows, *(max(1, n) for n in values.shape[1:]))
-        array = group.create_array(
-            spec.path,
-            shape=values.shape,
-            dtype=values.dtype,
-            chunks=chunks,
-            compressors=ZstdCodec(level=0, checksum=True),
-            dimension_names=spec.dims,
-            attributes={"unit": spec.unit, "meaning": spec.meaning},
-        )
-        array[...] = values
+        packed = ZstdCodec(level=0, checksum=True)
+        spec.created(group, shape=values.shape, chunks=chunks, compressors=packed)[...] = values
 
     def read(
         self, path: Path, most: int | None = None, larger: str = MAKE_AGAIN
@@ -127,8 +130,7 @@ class Schema:
         Raises StoreError if it is not there, foreign, of another version, too large or truncated, or its axes disagree.
         """
         store = ZarrStore(path)
-        attributes = self.migrated(store.attributes)
-        self.check_header(path, attributes)
+        attributes = self.checked(path, store.attributes)
         found = {}
         for spec in self.arrays:
             metadata = store.metadata(spec.path)
@@ -153,11 +155,11 @@ class Schema:
                     f"{path}: {spec.path} is of type {metadata.kind}; expected {spec.dtype}", cure=MAKE_AGAIN
                 )
 
-    def migrated(self, attributes: Mapping[str, Any]) -> dict[str, Any]:
-        """`attributes` of a store of this format, as of this version where they are of an earlier one that is read."""
-        return migrated(attributes, self.earlier if attributes.get("format") == self.format else {})
+    def checked(self, path: Path | str, attributes: Mapping[str, Any]) -> dict[str, Any]:
+        """`attributes` of the store at `path`, as of this version where they are of an earlier one that is read.
 
-    def check_header(self, path: Path, attributes: Mapping[str, Any]) -> None:
+        Raises StoreError where they are of another format or version, or some are missing.
+        """
         found = attributes.get("format")
         if found != self.format:
             what = f"its format is {found!r}" if found else "it has no 'format' attribute"
@@ -165,6 +167,7 @@ class Schema:
                 f"{path} is not a {self.format} store: {what}",
                 cure="`capture inspect PATH` tells what it is; `capture import-log` reads other tools' logs",
             )
+        attributes = migrated(attributes, self.earlier)
         if attributes.get("version") != self.version:
             raise StoreError(
                 f"{path}: {self.format} version {attributes.get('version')!r}; "
@@ -174,6 +177,7 @@ class Schema:
         missing = [name for name in self.attributes if name not in attributes]
         if missing:
             raise StoreError(f"{path}: attributes missing: {', '.join(missing)}", cure=MAKE_AGAIN)
+        return attributes
 
     def _check_axes(self, path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
         sizes: dict[str, tuple[int, str]] = {}
