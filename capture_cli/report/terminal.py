@@ -52,19 +52,8 @@ class SETTINGS:
     column_gap: int = 3  # characters between two columns
 
 
-_ASCII = str.maketrans(
-    {
-        "–": "-",
-        "−": "-",
-        "×": "x",
-        "µ": "u",
-        "·": "-",
-        "°": "deg",
-        "²": "^2",
-        "±": "+/-",
-        "→": "->",
-        "\u00a0": " ",
-    }
+_ASCII = str.maketrans("–−×µ·\u00a0", "--xu- ") | str.maketrans(
+    {"°": "deg", "²": "^2", "±": "+/-", "→": "->"}
 )
 
 

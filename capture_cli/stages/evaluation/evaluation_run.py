@@ -35,9 +35,8 @@ def evaluate(options: EvalSim2SimOptions) -> Evaluation:
     """Evaluate the identifiers on `pairs` pairs of the task, `seeds` times; write the evaluation directory at `out`.
 
     Identifiers simulate with the effects that their histories had; machines have those of the options, or are played
-    in its world. With `resume` a
-    run that was killed goes on after the identifier and seed it last completed, and one that is complete is read. The
-    arrays do not depend on `threads`. Raises CaptureError before any work.
+    in its world. With `resume` a run that was killed goes on after the identifier and seed it last completed, and one
+    that is complete is read. The arrays do not depend on `threads`. Raises CaptureError before any work.
     """
     machines = NO_EFFECTS
     if options.effects and options.task is not None:
