@@ -23,7 +23,7 @@ from capture_cli.select import search as attribution
 from capture_cli.select.balance_round import BalanceRound, _ends
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.forward_round import _settles
-from capture_cli.select.model_comparison import BETTER, TIED, WORSE, ModelComparison
+from capture_cli.select.model_comparison import BETTER, NOT_WORTH_IT, TIED, WORSE, ModelComparison
 from capture_cli.select.search import Accepted, Attribution
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
@@ -139,6 +139,20 @@ def test_of_two_that_do_as_well_the_one_that_mujoco_has_comes_first(
     best, others = models.best(found, [rival])
     assert best is (rival if is_first else found)
     assert others == [found if is_first else rival]
+
+
+@pytest.mark.parametrize(("judged", "said"), [(-9.0, TIED), (-1.0, NOT_WORTH_IT), (9.0, NOT_WORTH_IT)])
+def test_more_parameters_that_predict_better_are_tied(monkeypatch, judged, said):
+    """A filter of second order beside a delay: the fit gains less than a parameter costs, what no fit saw gains 9."""
+    samples = 8868.0
+    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: samples)
+    blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
+    noise = np.random.default_rng(1).normal(0, 0.02, 60)  # or every block would be better
+    delay = judged_by_blocks(1, 8140.0, blocks)
+    filtered = judged_by_blocks(2, 8140.0, blocks * np.exp(judged / samples + noise - noise.mean()))
+    models = ModelComparison.__new__(ModelComparison)
+    models.seed = 0
+    assert models.compare(delay, filtered) == said
 
 
 @dataclass
@@ -372,3 +386,18 @@ def test_what_parameters_stand_in_for_is_found_where_they_leave_nothing(tmp_path
     assert not found["lack_of_fit"]["before"]["lacking"]
     assert found["verdict"] == "effect-found"
     assert [e["name"] for e in found["effects"]] == ["quadratic-drag"]
+
+
+def test_a_simpler_effect_is_asked_where_the_balance_prefers_one_with_more_parameters(
+    tmp_path, monkeypatch, without_pages
+):
+    """A filter as slow as this is beyond first order, and a compliance, which has four parameters, bends as it does."""
+    catalogue, few = attribution.all_candidates, ("compliance", "sensor-low-pass")
+    monkeypatch.setattr(
+        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+    )
+    log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider", 0.005))
+    effects = ["sensor-low-pass@q=0.045"]
+    record(task=task, out=log, effects=effects, noise=5e-4, episodes=4, duration=3, rate=100, threads=1)
+    [found] = diagnose(real_log=log, task=task, out=tmp_path / "d", quiet=True).document["effects"]
+    assert "sensor-low-pass" in [found["name"], *(name.split("@")[0] for name in found["tied_with"])]

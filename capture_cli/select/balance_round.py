@@ -102,9 +102,10 @@ class BalanceRound:
         the best in the balance, until one leaves nothing; then larger sets of what holds. sizes: how many there may be.
         """
         found: list[FittedSet] = []
-        smaller = self.current
+        smaller, singles = self.current, []
         for number, level in enumerate(levels):
             larger = number > 0
+            singles = singles or level.others
             if larger:
                 smaller = least([s.fit for s in found]) or self.current
             more = self._best_that_hold(level, smaller)
@@ -112,7 +113,17 @@ class BalanceRound:
             if (larger and not more) or self._explained(found):
                 break
             self.on_step("set size", min(number + 1, sizes - 1), sizes)
+        if self._explained(found):
+            return [*found, *self._simpler(singles, found)]
         return self._with_unions(found)
+
+    def _simpler(self, singles: Sequence[BalancedModel], found: Sequence[FittedSet]) -> list[FittedSet]:
+        """Those of `singles`, effects that the balance puts behind, that explain the log with fewer parameters than all
+        of what was found: where an effect is large, the balance, which is linear in small ones, prefers what bends.
+        """
+        fewest = min(len(s.fit.point) for s in found if self.models.is_explained(s.fit))
+        simpler = [m for m in singles if len(m.start) < fewest and not self.models.is_fitted(m.effects)]
+        return self._fit(simpler, self.current, to_explain=True)
 
     def _best_that_hold(self, level: Level, smaller: Fit) -> list[FittedSet]:
         """As good as the best in the balance. Where simulations bear out none of them, and nothing was found yet, as
@@ -127,18 +138,18 @@ class BalanceRound:
         """`found`, and larger sets of it where it leaves something."""
         if not found or self._explained(found):
             return found
-        return [*found, *self._fit(self._unions(found), least([s.fit for s in found]), of_held=True)]
+        return [*found, *self._fit(self._unions(found), least([s.fit for s in found]), to_explain=True)]
 
     def _explained(self, found: Sequence[FittedSet]) -> bool:
         return any(self.models.is_explained(s.fit) for s in found)
 
     def _fit(
-        self, models: Sequence[BalancedModel], smaller: Fit, *, of_held: bool = False
+        self, models: Sequence[BalancedModel], smaller: Fit, *, to_explain: bool = False
     ) -> list[FittedSet]:
         """Those that hold. Fits with hidden states take long: they come last, and are stopped early where they stay far
         behind.
 
-        of_held: whether they are sets of effects that hold alone.
+        to_explain: whether they have to leave nothing; one law at several places has not.
         """
         found = []
         for number, model in enumerate(sorted(models, key=_hidden_states)):
@@ -146,13 +157,13 @@ class BalanceRound:
             if _hidden_states(model) and self._explained(simpler):
                 break  # with more parameters it could but do as well
             self.on_step("refit", number, len(models))
-            found += self._fitted(model, smaller, of_held)
+            found += self._fitted(model, smaller, to_explain)
         if self._explained(found):
-            found = self._again_from(least([s.fit for s in found]), found, models, of_held)
+            found = self._again_from(least([s.fit for s in found]), found, models, to_explain)
         return found
 
     def _again_from(
-        self, best: Fit, found: list[FittedSet], models: Sequence[BalancedModel], of_held: bool
+        self, best: Fit, found: list[FittedSet], models: Sequence[BalancedModel], to_explain: bool
     ) -> list[FittedSet]:
         """`found`, and those of the models that left something, but do not from where the `best` declared one is."""
         declared = best.point[: len(self.models.fits.prepared.task.space)]
@@ -162,7 +173,7 @@ class BalanceRound:
                 continue
             start = np.concatenate([declared, *model.values])
             if self.models.explained_from(start, model.effects, best) is not None:
-                found = [s for s in found if s is not known] + self._fitted(model, self.current, of_held)
+                found = [s for s in found if s is not known] + self._fitted(model, self.current, to_explain)
         return found
 
     def _unions(self, found: Sequence[FittedSet]) -> list[BalancedModel]:
@@ -180,7 +191,7 @@ class BalanceRound:
             unions.append(BalancedModel(effects, best.fit.point[:declared], tuple(values)))
         return unions
 
-    def _fitted(self, model: BalancedModel, smaller: Fit, of_held: bool) -> list[FittedSet]:
+    def _fitted(self, model: BalancedModel, smaller: Fit, to_explain: bool) -> list[FittedSet]:
         """The model fitted by simulation, if it holds on what judges and explains materially more than `smaller`.
 
         Laws that each hold alone have to leave nothing together: they may stand in for one that the balance of the
@@ -192,7 +203,7 @@ class BalanceRound:
         if reason:
             self._reject(added, reason)
             return []
-        rival, to_explain = self._best, of_held and not _is_one_law(added)
+        rival, to_explain = self._best, to_explain and (len(added) == 1 or not _is_one_law(added))
         to_reach = lack_of_fit(self.current.at).threshold if to_explain else np.inf
         material = needed_error(smaller, REJECTION.material)
         needed = min(material, self.useful_error, to_reach)
@@ -201,7 +212,7 @@ class BalanceRound:
         reason = self._unfit(fit, added, smaller, to_explain) or self._unsupported(fit, added)
         if not reason:
             fit = self.models.escaped(fit, rival, self.useful_error)
-            reason = self._left(fit, to_explain)
+            reason = self._left(fit, to_explain, len(added) == 1)
         self._best = least([rival, fit])
         if reason:
             self._reject(added, reason)
@@ -209,11 +220,12 @@ class BalanceRound:
         self.models.held.append(FittedSet(added, fit, self.models.judge(fit)))
         return self.models.held[-1:]
 
-    def _left(self, fit: Fit, to_explain: bool) -> str | None:
+    def _left(self, fit: Fit, to_explain: bool, single: bool) -> str | None:
         """What is said against a model by what its fit leaves. to_explain: whether that has to be nothing."""
         reason = leaves_something(self.current, fit, self.useful_error)
         if not reason and to_explain and not self.models.is_explained(fit):
-            reason = "each holds alone, and together they leave something"
+            left = f"{fit.error:.4g} times the noise floor are left"
+            reason = f"with it {left}, where another explains the log" if single else f"together {left}"
         return reason
 
     def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit, to_explain: bool) -> str | None:
@@ -221,7 +233,7 @@ class BalanceRound:
         models, current = self.models, self.current
         reason = no_gain(current, fit, self._best) or slight(smaller, fit, REJECTION.material)
         if not (reason or models.may_escape(fit, self._best, self.useful_error)):
-            reason = self._left(fit, to_explain)
+            reason = self._left(fit, to_explain, len(added) == 1)
         if reason:
             return reason
         reason = _first(out_of_range(models, current, fit, placed) for placed in added)

@@ -437,7 +437,9 @@ class ModelComparison:
         more, gain = self._more_and_gain(mine, other)
         if more > 0 and self._whole(mine, other) < SETTINGS.clearly_better:
             is_same = similarity(mine.score.response, other.score.response) > SETTINGS.same_here
-            return TIED if is_same and self._indistinct(mine, other) else NOT_WORTH_IT
+            # what more parameters are worth to windows that no fit saw is no matter of their number
+            is_ahead = mine.select is not None and self._behind(mine, other) < -SETTINGS.as_likely
+            return TIED if (is_same or is_ahead) and self._indistinct(mine, other) else NOT_WORTH_IT
         if not self._indistinct(mine, other):
             # where fitted and judging windows disagree, the sum of both decides
             whole = self._whole(mine, other)
