@@ -212,7 +212,7 @@ class BalanceRound:
         reason = self._unfit(fit, added, smaller, to_explain) or self._unsupported(fit, added)
         if not reason:
             fit = self.models.escaped(fit, rival, self.useful_error)
-            reason = self._left(fit, to_explain, len(added) == 1)
+            reason = self._left(fit, to_explain)
         self._best = least([rival, fit])
         if reason:
             self._reject(added, reason)
@@ -220,12 +220,11 @@ class BalanceRound:
         self.models.held.append(FittedSet(added, fit, self.models.judge(fit)))
         return self.models.held[-1:]
 
-    def _left(self, fit: Fit, to_explain: bool, single: bool) -> str | None:
+    def _left(self, fit: Fit, to_explain: bool) -> str | None:
         """What is said against a model by what its fit leaves. to_explain: whether that has to be nothing."""
         reason = leaves_something(self.current, fit, self.useful_error)
         if not reason and to_explain and not self.models.is_explained(fit):
-            left = f"{fit.error:.4g} times the noise floor are left"
-            reason = f"with it {left}, where another explains the log" if single else f"together {left}"
+            reason = f"fitted jointly it leaves {fit.error:.4g} times the noise floor"
         return reason
 
     def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit, to_explain: bool) -> str | None:
@@ -233,7 +232,7 @@ class BalanceRound:
         models, current = self.models, self.current
         reason = no_gain(current, fit, self._best) or slight(smaller, fit, REJECTION.material)
         if not (reason or models.may_escape(fit, self._best, self.useful_error)):
-            reason = self._left(fit, to_explain, len(added) == 1)
+            reason = self._left(fit, to_explain)
         if reason:
             return reason
         reason = _first(out_of_range(models, current, fit, placed) for placed in added)
