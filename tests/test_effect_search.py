@@ -155,6 +155,19 @@ def test_more_parameters_that_predict_better_are_tied(monkeypatch, judged, said)
     assert models.compare(delay, filtered) == said
 
 
+@pytest.mark.parametrize(("left", "withdrawn"), [(1.0, True), (6.0, False)])
+def test_an_effect_is_withdrawn_where_without_it_the_model_does_as_well(monkeypatch, left, withdrawn):
+    """A puck off a wall: with its restitution the model left 1; fitted again without it, it leaves 1, or 6, of 12."""
+    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: 1000.0)
+    declared, found, again = (
+        judged_by_blocks(parameters, squares, np.ones(1)).fit
+        for parameters, squares in ((1, 12.0), (2, 1.0), (1, left))
+    )
+    models = ModelComparison.__new__(ModelComparison)
+    models.better_from, models.judge = lambda current, best: again, lambda fit: None
+    assert (models.as_well_without(declared, found) is again) is withdrawn
+
+
 @dataclass
 class Named:
     site: str

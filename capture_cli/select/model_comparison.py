@@ -257,10 +257,16 @@ class ModelComparison:
         self.know(found)
         return found
 
-    def better_from(self, current: Fit, found: Fit) -> Fit | None:
-        """A better fit of the `current` model, begun where `found` ended, which has more parameters.
+    def as_well_without(self, current: Fit, found: Fit) -> Fit | None:
+        """A better fit of the `current` model, begun where `found` ended, if what that has more is then worth nothing:
+        it was no more than the escape from a poor minimum.
+        """
+        again = self.better_from(current, found)
+        return None if again is None or self.is_better(again, found) else again
 
-        Where contacts make the error rough, an effect may be no more than the escape from a poor minimum.
+    def better_from(self, current: Fit, found: Fit) -> Fit | None:
+        """A better fit of the `current` model, begun where `found` ended, which has more parameters: contacts make the
+        error rough.
         """
         again = self.fits.fit(
             self.fit_part,

@@ -155,7 +155,7 @@ class Attribution:
             found = self._next(current)
             if found is None:
                 break
-            better = self.models.better_from(current, found) if len(self.accepted) == known + 1 else None
+            better = self.models.as_well_without(current, found) if len(self.accepted) == known + 1 else None
             if better is not None:
                 withdrawn = self._candidate(self.accepted.pop().name)
                 withdrawn.why_rejected = "without it, fitted again from where it led, the model does as well"
