@@ -1259,6 +1259,26 @@ def test_what_arrives_of_all_steps_is_what_arrives_step_by_step(name):
     arrive = bound(effect.kernel, coefficients, 2e-3)
     found = effect.arrived(told, coefficients, 2e-3)
     np.testing.assert_array_equal(found, [arrive(now) for now in told])
+    np.testing.assert_allclose(effect.at_once(told, coefficients, 2e-3), found, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["control-lag", "control-second-order-lag", "control-delay"])
+def test_what_does_nothing_to_controls_leaves_all_of_their_steps_as_they_were(name):
+    effect = placed(name)[0][1]
+    coefficients = effect.coefficients(np.repeat(effect.space.nominal[None], 3, axis=0))
+    told = np.random.default_rng(0).standard_normal((80, 3))
+    np.testing.assert_array_equal(effect.at_once(told, coefficients, 2e-3), told)
+
+
+@pytest.mark.parametrize("name", ["control-rate-limit", "control-gain", "control-second-order-lag"])
+def test_an_effect_on_a_control_is_the_same_among_fewer_of_them(name):
+    effect = placed(name)[0][1]
+    effect.columns = np.array([2])
+    controls = np.random.default_rng(0).standard_normal((2, 50, 4))
+    values = effect.space.from_unit(np.full((2, len(effect.space)), 0.3))
+    columns = np.array([1, 2])
+    found = effect.among(columns).drive(controls[..., columns], values, 2e-3)
+    np.testing.assert_allclose(found, effect.drive(controls, values, 2e-3)[..., columns], atol=1e-13)
 
 
 def test_a_supply_in_the_middle_of_its_lag_begins_with_the_load_that_it_feels():

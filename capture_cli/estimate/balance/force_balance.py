@@ -18,7 +18,7 @@ import inspect
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 
 import mujoco
@@ -27,13 +27,22 @@ from mujoco import batch
 from scipy.interpolate import CubicSpline
 
 from capture_cli.common.frozen import frozen
+from capture_cli.estimate.balance.actuation import NUMBERS, Actuation
 from capture_cli.estimate.balance.dry_friction import dry_friction
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.recorded_world import AT_JOINTS, OF_INERTIA, RecordedWorld
 from capture_cli.estimate.balance.resting import mass_matrix
-from capture_cli.estimate.balance.trees import in_whole_trees, inverse_of, made_heavier, solved
+from capture_cli.estimate.balance.trees import (
+    AtPoints,
+    in_whole_trees,
+    inverse_of,
+    made_heavier,
+    solved,
+    times,
+)
 from capture_cli.log.input_sequences import Hold, LoggedInputs
 from capture_cli.log.windows import SETTINGS as WINDOWS
+from capture_cli.model.effects._actuator_effect import ActuatorEffect
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.base import Effect
@@ -66,7 +75,7 @@ _DISABLE = mujoco.mjtDisableBit
 # contacts are left, and joints' dry friction is worked out here
 _NO_STOPS = _DISABLE.mjDSBL_FRICTIONLOSS | _DISABLE.mjDSBL_LIMIT | _DISABLE.mjDSBL_EQUALITY
 _OF_IMPACTS = ("geom_size", "geom_solref", "geom_solimp", "pair_solref", "pair_solimp")
-_OF_ACTUATORS = ("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
+_OF_ACTUATORS = ("actuator_gear", *NUMBERS)
 AtValues = tuple[Effect, np.ndarray]  # an effect, and its values (parameter,)
 
 
@@ -191,13 +200,10 @@ class ForceBalance:
         if effect.place == "model":
             return [self._of_written(self._with(effect, v)) for v in values]
         if effect.place == "control":
-            driven = self._driven([self._with(effect, v) for v in values])
-            return [self._forces(controls=c) - self.null for c in driven]
+            return self._of_controls(self._driven([self._with(effect, v) for v in values]))
         if effect.place == "measurement":
             return [self._of_report(effect, v) for v in values]
-        if _remembers(effect):
-            return self._of_followed(effect, values)
-        return [self._of_force(effect, v) for v in values]
+        return self._of_followed(effect, values) if _remembers(effect) else self._of_force(effect, values)
 
     def along(self, effect: PeriodicForce) -> np.ndarray:
         """What a force repeats along, at the points, (point,)."""
@@ -253,6 +259,35 @@ class ForceBalance:
             return change
         return Accelerations(change.measured, np.full_like(change.predicted, np.nan))
 
+    def _of_controls(self, driven: np.ndarray) -> list[Accelerations]:
+        """Changes of the balance by controls (variant, point, nu)."""
+        actuation = self._actuation
+        moved = np.flatnonzero((driven != self.controls).any(axis=(0, 1)))
+        if actuation is None or self.unshown.size or not actuation.linear[moved].all():
+            return [self._forces(controls=c) - self.null for c in driven]
+        variants, points = driven.shape[:2]
+        here = np.tile(np.arange(points), variants)
+        acts = actuation.changed(actuation.given(driven.reshape(len(here), -1), here=here), here)
+        return self._as_changes(self._led_freely(acts, here), variants)
+
+    @cached_property
+    def _actuation(self) -> Actuation | None:
+        """What actuators do as a step takes it, with all forces."""
+        runner = self._runner(self._model)
+        return Actuation.of(self._model, runner, lambda: self._set(runner, self.state, self.controls))
+
+    def _as_changes(self, accelerations: np.ndarray, variants: int) -> list[Accelerations]:
+        """Of predicted accelerations (variant and point, nv) alone."""
+        changes = accelerations.reshape(variants, len(self.points), self.model.nv)
+        return [Accelerations(np.zeros_like(self.state[1]), c) for c in changes]
+
+    def _led_freely(self, acts: np.ndarray, here: np.ndarray) -> np.ndarray:
+        """Accelerations (lane, nv) by forces `acts` (lane, nv) at the points `here`, with the dry friction that the
+        model has.
+        """
+        loss = np.broadcast_to(self._model.dof_frictionloss, acts.shape)
+        return self._led(acts, loss, here)
+
     def _writes_impacts(self, writing: Sequence[AtValues]) -> bool:
         fields = ModelFields(self.model, 1)
         for effect, values in writing:
@@ -280,19 +315,29 @@ class ForceBalance:
 
     def _driven(self, driving: Sequence[Sequence[AtValues]]) -> np.ndarray:
         """ctrl (variant, point, nu) with the same effects on it, in each variant at other values."""
-
-        time = self.smoothed.log.time
+        found = np.repeat(self._commanded[None], len(driving), axis=0)
+        columns = _driven_columns([effect for effect, _ in driving[0]], self.model.nu)
+        if not columns.size:
+            return found
+        time, step = self.smoothed.log.time, self.smoothed.task.timestep
 
         def drive(controls: np.ndarray, part: np.ndarray, variant: np.ndarray) -> np.ndarray:
             first = self._sequence_steps[part]
             elapsed = time[first] - time[self.smoothed.episode_start[part]]
             for same in zip(*driving, strict=True):
                 values = np.stack([v for _, v in same])[variant]
-                step = self.smoothed.task.timestep
-                controls = same[0][0].drive(controls, values, step, elapsed=elapsed, first=first)
+                effect = same[0][0]
+                own = effect.among(columns) if isinstance(effect, ActuatorEffect) else effect
+                controls = own.drive(controls, values, step, elapsed=elapsed, first=first)
             return controls
 
-        return self._averaged(drive, len(driving))
+        found[..., columns] = self._averaged(drive, len(driving), columns)
+        return found
+
+    @cached_property
+    def _commanded(self) -> np.ndarray:
+        """ctrl (point, nu) as it is sent, the mean about each point."""
+        return self._averaged(lambda controls, *_: controls, 1, np.arange(self.model.nu))[0]
 
     @cached_property
     def _sequence_steps(self) -> np.ndarray:
@@ -320,20 +365,20 @@ class ForceBalance:
             found.append(task.controls(inputs[None])[0])
         return np.array(found), grid
 
-    def _averaged(self, drive: Callable, variants: int) -> np.ndarray:
-        """Means of controls about the points, (variant, point, nu).
+    def _averaged(self, drive: Callable, variants: int, columns: np.ndarray) -> np.ndarray:
+        """Means of the `columns` of ctrl about the points, (variant, point, column).
 
         A step of the model takes its control for the acceleration in the middle of it: q(t+h) - 2 q(t) + q(t-h) is
         h^2 a(t), so that what is held from t to t + h acts as if it were held from t - h / 2 to t + h / 2.
         """
         task, parts = self.smoothed.task, len(self.smoothed.parts)
-        found = np.zeros((variants, len(self.points), task.model.nu))
+        found = np.zeros((variants, len(self.points), len(columns)))
         if not task.inputs:
             return found
         sequences, grid = self._sequences
         step = grid[1] - grid[0]
         variant, part = (i.ravel() for i in np.indices((variants, parts)))
-        controls = drive(sequences[part], part, variant)
+        controls = drive(sequences[..., columns][part], part, variant)
         edges = np.append(grid, grid[-1] + step) - task.timestep / 2
         total = np.cumsum(np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1), axis=1) * step
         half = self.interval / 2
@@ -658,20 +703,21 @@ class ForceBalance:
         driven = np.where(rest, state[2], applied)
         return dry_friction(model, inverse, driven, begins, self.speed_sd, np.where(rest, 0.0, loss))
 
-    def _of_force(self, effect: Effect, values: np.ndarray) -> Accelerations:
-        """Of a force that does not remember: every point is a step of its own."""
-        count = len(self.points)
+    def _of_force(self, effect: Effect, values: np.ndarray) -> list[Accelerations]:
+        """Of a force that does not remember: every point is a step of its own, and all variants are side by side."""
+        variants, points = len(values), np.arange(len(self.points))
+        here = np.tile(points, variants)
 
         def force() -> Callable:
             return effect.force(
-                np.repeat(values[None], count, axis=0),
+                np.repeat(values, len(points), axis=0),
                 self.model.opt.timestep,
-                first=self.points.step,
-                began=self.points.time - self.points.elapsed,
+                first=self.points.step[here],
+                began=(self.points.time - self.points.elapsed)[here],
             )
 
-        [change] = self._led_along(force, np.arange(count)[:, None])
-        return Accelerations(np.zeros_like(self.state[1]), change)
+        [led] = self._led_along(force, here[:, None])
+        return self._as_changes(led, variants)
 
     def _accelerated(
         self,
@@ -685,7 +731,7 @@ class ForceBalance:
         model, frictionloss is `loss` (point, nv), and inverse, felt (point, nv, nv) are the inverses of what dry
         friction works against and of what accelerations are solved with.
         """
-        applied = (self._null.applied - self._null.friction)[here] + acts
+        applied = self._null.smooth[here] + acts
         state = tuple(s[here] for s in self.state)
         applied += self._friction(self._model, inverse, applied, loss, state, here)
         return (felt @ np.where(self.at_rest[here], state[2], applied)[..., None])[..., 0]
@@ -702,11 +748,10 @@ class ForceBalance:
         changed = in_whole_trees(self._model, (acts != 0) | (loss != self._model.dof_frictionloss))
         some = np.flatnonzero(changed.any(axis=1))
         at = some if isinstance(here, slice) else here[some]
-        applied = (self._null.applied - self._null.friction)[at] + acts[some]
+        applied = self._null.smooth[at] + acts[some]
         state = tuple(s[at] for s in self.state)
-        inverse = self._own_inverse_mass[at]
         felt = np.where(changed[some], loss[some], 0.0)
-        friction = self._friction(self._model, inverse, applied, felt, state, at)
+        friction = self._friction(self._model, AtPoints(self._own_inverse_mass, at), applied, felt, state, at)
         found = np.zeros_like(acts)
         found[some] = np.where(changed[some], friction - self._null.friction[at], 0.0)
         return found
@@ -767,12 +812,10 @@ class ForceBalance:
             acts[step] = applied - (damping - own_damping) * mean[here]
             loss[step] = friction
             heavier[step] = armature - self._model.dof_armature
-        if not heavier.any():
-            return self._led(acts, loss, index)
-        led = self._led_with_inertia(
-            *(values.reshape(-1, self._model.nv) for values in (acts, loss, heavier)), index.T.ravel()
-        )
-        return led.reshape(acts.shape)
+        lanes = [values.reshape(-1, self._model.nv) for values in (acts, loss, heavier)]
+        if heavier.any():
+            return self._led_with_inertia(*lanes, index.T.ravel()).reshape(acts.shape)
+        return self._led(*lanes[:2], index.T.ravel()).reshape(acts.shape)
 
     def _led_with_inertia(
         self, acts: np.ndarray, loss: np.ndarray, heavier: np.ndarray, index: np.ndarray
@@ -789,11 +832,10 @@ class ForceBalance:
             parts.append(self._resting(free, self._null.pushed[here]) - self.null.predicted[here])
         return np.concatenate(parts)
 
-    def _led(self, acts: np.ndarray, loss: np.ndarray, index: np.ndarray) -> np.ndarray:
-        """Accelerations (step, lane, nv) by forces `acts`, with frictionloss `loss`, both (step, lane, nv)."""
-        nv = self._model.nv
-        changed = self._friction_changed(acts.reshape(-1, nv), loss.reshape(-1, nv), index.T.ravel())
-        return (self.inverse_inertia[index.T] @ (acts + changed.reshape(acts.shape))[..., None])[..., 0]
+    def _led(self, acts: np.ndarray, loss: np.ndarray, here: np.ndarray) -> np.ndarray:
+        """Accelerations (lane, nv) by forces `acts` at the points `here`, with frictionloss `loss`, (lane, nv) each."""
+        forces = acts + self._friction_changed(acts, loss, here)
+        return times(self._model, AtPoints(self.inverse_inertia, here), forces)
 
     def _recorded(self, name: str) -> np.ndarray:
         """A field of MjData at the points, of the model as it is; the acceleration is the predicted one."""
@@ -803,29 +845,25 @@ class ForceBalance:
         return getattr(world, name)
 
     def _led_elsewhere(self, force: Callable, index: np.ndarray) -> np.ndarray:
-        """As `_led_at_joints`, of a force that changes anything; MuJoCo works out at every step what that does."""
-        qpos, _, qacc = self.state
-        step, smooth_alone = self._model.opt.timestep, self._world[-1]
-        runner = batch.Batch(self._model, len(index), self.threads)
-        live = {n: runner.bind(n) for n in ("qpos", "qvel", "time", *(("ctrl",) if self._model.nu else ()))}
-        smooth, inertia, actuators = (runner.bind(n) for n in ("qfrc_smooth", "M", "actuator_force"))
+        """As `_led_at_joints`, of a force that changes anything; MuJoCo works out at every step what that does, but for
+        what actuators give where their numbers are others.
+        """
+        nv, step = self._model.nv, self._model.opt.timestep
         world = RecordedWorld(self._model, self._recorded, index)
         friction, damping = (world.vary(name) for name in AT_JOINTS)
         given = world.actuator_force  # as they gave it under the force of the step before
-        acts, loss = (np.zeros((index.shape[1], len(index), self._model.nv)) for _ in range(2))
+        acts, loss = (np.zeros((index.shape[1], len(index), nv)) for _ in range(2))
         otherwise: dict[int, np.ndarray] = {}  # accelerations of steps in which inertias are others
+        runner = cache(lambda: batch.Batch(self._model, len(index), self.threads))
         for k, here in enumerate(index.T):
             world.go_to(k)
             world.actuator_force = given
             force(world)
-            live["qpos"][...], live["qvel"][...] = qpos[here], self._begins[here]
-            live["time"][...] = self.points.time[here]
-            if self._model.nu:
-                live["ctrl"][...] = self.controls[here]
-            world.write(runner)
-            runner.forward()
-            given, loss[k] = actuators.copy(), friction
-            acts[k] = smooth - smooth_alone[here] - (damping - self._model.dof_damping) * step * qacc[here]
+            applied, given, inertia = self._by_actuators(world, here) or self._by_mujoco(
+                world, here, runner()
+            )
+            loss[k] = friction
+            acts[k] = applied - (damping - self._model.dof_damping) * step * self.state[2][here]
             if world.changes(but=(*APPLIED, *AT_JOINTS, *_OF_ACTUATORS)):
                 own = (
                     inverse(self._model, inertia, here)
@@ -833,10 +871,39 @@ class ForceBalance:
                 )
                 free = self._accelerated(acts[k], loss[k], *own, here)
                 otherwise[k] = self._resting(free, self._null.pushed[here]) - self.null.predicted[here]
-        led = self._led(acts, loss, index)
+        led = self._led(acts.reshape(-1, nv), loss.reshape(-1, nv), index.T.ravel()).reshape(acts.shape)
         for k, accelerations in otherwise.items():
             led[k] = accelerations
         return led
+
+    def _by_actuators(
+        self, world: RecordedWorld, here: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """As `_by_mujoco`, where a force changes no more than what joints feel and numbers of linear actuators; None
+        where it changes something else.
+        """
+        actuation = self._world[2]
+        if actuation is None or world.changes(but=(APPLIED[0], *AT_JOINTS, *NUMBERS)):
+            return None
+        numbers = world.changed(NUMBERS)
+        if not actuation.follows(numbers):
+            return None
+        given = actuation.given(self.controls[here], numbers, here)
+        velocity = self._begins[here]
+        applied = world.qfrc_applied - (world.vary("dof_damping") - self._model.dof_damping) * velocity
+        return applied + actuation.changed(given, here), given, self._null.inertia[:0]
+
+    def _by_mujoco(
+        self, world: RecordedWorld, here: np.ndarray, runner: batch.Batch
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What comes in (lane, nv) at the points `here` by a force that changed `world`; what actuators then give,
+        (lane, actuator), and the inertia, as mjData.M packs it.
+        """
+        smooth, inertia, actuators = (runner.bind(n) for n in ("qfrc_smooth", "M", "actuator_force"))
+        runner.bind("time")[...] = self.points.time[here]
+        world.write(runner)
+        self._forward(runner, self.state[0][here], self._begins[here], self.controls[here])
+        return smooth - self._world[-1][here], actuators.copy(), inertia
 
     @cached_property
     def actuator_force(self) -> np.ndarray:
@@ -850,16 +917,18 @@ class ForceBalance:
 
     @cached_property
     def _world(self):
-        """What forces see at the points, and the forces of the model there and its inverse inertia."""
+        """What forces see at the points, the model's inverse inertia there, what its actuators do, and its forces."""
         model = self._model
         runner = self._runner(model)
         smooth = runner.bind("qfrc_smooth")
-        self._forward(runner, self.state[0], self._begins, self.controls)
+        actuation = Actuation.of(
+            model, runner, lambda: self._forward(runner, self.state[0], self._begins, self.controls)
+        )
         world = World(runner, np.arange(len(self.points)))
         world.qacc = self.null.predicted
         world.stepped = True
         inverse = self._own_inverse_felt * ~self.at_rest[:, None, :]
-        return world, self._yielding(inverse), smooth.copy()
+        return world, self._yielding(inverse), actuation, smooth.copy()
 
     def _yielding(self, inverse: np.ndarray) -> np.ndarray:
         """Acceleration by a unit of force, (point, nv, nv): what no sensor shows stays where contacts keep it."""
@@ -875,6 +944,13 @@ def _between(at: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.ndarray
     before = np.clip(np.searchsorted(grid, at, side="right") - 1, 0, len(grid) - 2)
     slope = (values[:, before + 1] - values[:, before]) / (grid[before + 1] - grid[before])[:, None]
     return slope * (at - grid[before])[:, None] + values[:, before]
+
+
+def _driven_columns(effects: Sequence[Effect], count: int) -> np.ndarray:
+    """The columns of ctrl, of so many, that effects on controls read or change; all, where they do not say."""
+    if not all(isinstance(e, ActuatorEffect) for e in effects):
+        return np.arange(count)
+    return np.unique(np.concatenate([np.zeros(0, dtype=int), *(e.columns for e in effects)]))
 
 
 def _as_bytes(model: mujoco.MjModel) -> bytes:

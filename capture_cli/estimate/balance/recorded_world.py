@@ -59,6 +59,11 @@ class RecordedWorld:
         """Whether the force changes anything but these fields."""
         return any((live != own).any() for name, (live, own) in self._varied.items() if name not in but)
 
+    def changed(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Those of these fields that the force changes, (lane, ...) each."""
+        own = {name: self._varied[name] for name in names if name in self._varied}
+        return {name: live for name, (live, before) in own.items() if (live != before).any()}
+
     def write(self, runner: batch.Batch) -> None:
         """Give simulations, one for each lane, what is applied and varied at this step."""
         for name, (live, _) in self._varied.items():

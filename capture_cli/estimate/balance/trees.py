@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -36,6 +38,28 @@ def solved(model: mujoco.MjModel, matrices: np.ndarray, vectors: np.ndarray) -> 
     found = np.zeros_like(vectors)
     for own in trees(model):
         found[:, own] = np.linalg.solve(matrices[:, own, own], vectors[:, own, None])[..., 0]
+    return found
+
+
+@dataclass(frozen=True)
+class AtPoints:
+    """Of `matrices` (point, nv, nv) those at the points `here` (lane,), of which what is asked for is picked alone."""
+
+    matrices: np.ndarray
+    here: np.ndarray
+
+    def __getitem__(self, at: tuple) -> np.ndarray:
+        lanes, *blocks = at
+        return self.matrices[self.here[lanes], *blocks]
+
+
+def times(model: mujoco.MjModel, matrices: AtPoints, vectors: np.ndarray) -> np.ndarray:
+    """The products with vectors (lane, nv), of trees in which there is any."""
+    found = np.zeros_like(vectors)
+    for own in trees(model):
+        lanes = np.flatnonzero(vectors[:, own].any(axis=1))
+        if lanes.size:
+            found[lanes, own] = (matrices[lanes, own, own] @ vectors[lanes, own, None])[..., 0]
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from inspect import isclass
 from typing import ClassVar
 
@@ -60,6 +61,20 @@ class ActuatorEffect(Effect):
         controls = controls.copy()
         controls[:, :, self.columns] = arrived.reshape(sent.shape).swapaxes(0, 1)
         return controls
+
+    def among(self, columns: np.ndarray) -> ActuatorEffect:
+        """The same, but for rounding, where of all controls there are only these `columns` of ctrl, in order, its own
+        among them.
+        """
+        found = copy(self)
+        found.columns, found.arrived = np.searchsorted(columns, self.columns), self.at_once
+        return found
+
+    def at_once(
+        self, told: np.ndarray, coefficients: Mapping[str, np.ndarray], timestep: float
+    ) -> np.ndarray:
+        """As `arrived`, but for rounding, by fewer operations where there is a way."""
+        return self.arrived(told, coefficients, timestep)
 
     def arrived(
         self, told: np.ndarray, coefficients: Mapping[str, np.ndarray], timestep: float

@@ -33,3 +33,8 @@ def second_order_step(time_constant, damping_ratio, timestep):
     gap = np.expm1(-2 * root * turned)  # the faster of both over the slower, less 1
     even, odd = np.real(slower * (1 + gap / 2)), np.real(-slower * gap / (2 * root))
     return (even + damping_ratio * odd, odd), (-odd, even - damping_ratio * odd)
+
+
+def left_behind(told):
+    """By how much what has arrived at the controls of all steps `told` (step, row) is beyond the next, (step, row)."""
+    return told - np.concatenate([told[1:], told[-1:]])

@@ -37,5 +37,11 @@ class ControlDelay(ControlTimeEffect):
     remembers = "`delay`"
     parameters = (Parameter("delay", "s", 0.0, 0.1, 0.0),)
 
+    def arrived(self, told, coefficients, timestep):
+        delay = Delay(**coefficients, timestep=timestep)
+        step, row = np.ogrid[: len(told), : told.shape[1]]
+        now, before = (told[np.maximum(step - delay.whole - late, 0), row] for late in range(2))
+        return now + delay.part * (before - now)
+
     def memory(self, values):
         return float(values.max())

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.recursive_filter import recursion
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect
-from capture_cli.model.effects._lag import Lag
+from capture_cli.model.effects._lag import Lag, left_behind
 from capture_cli.model.parameters import Parameter
 
 
@@ -25,3 +26,7 @@ class ControlLag(ControlTimeEffect):
 
     def memory(self, values):
         return SETTINGS.forgotten * float(values.max())
+
+    def at_once(self, told, coefficients, timestep):
+        lag = Lag(**coefficients, timestep=timestep)
+        return told + lag.mean * recursion(lag.kept[None, None], left_behind(told)[:, None])[:, 0]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.recursive_filter import recursion
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect
-from capture_cli.model.effects._lag import second_order_step
+from capture_cli.model.effects._lag import left_behind, second_order_step
 from capture_cli.model.parameters import Parameter
 
 
@@ -57,6 +58,13 @@ class ControlSecondOrderLag(ControlTimeEffect):
         Parameter("time_constant", "s", 0.0, 0.15, 0.0),
         Parameter("damping_ratio", "1", 0.3, 1.5, 1.0),
     )
+
+    def at_once(self, told, coefficients, timestep):
+        lag = SecondOrderLag(**coefficients, timestep=timestep)
+        driven = np.stack([left_behind(told), np.zeros_like(told)], axis=1)
+        gap, rate = recursion(np.array([lag.kept, lag.rate_kept]), driven).swapaxes(0, 1)
+        ahead, later = (own[0] * gap + own[1] * rate for own in (lag.kept, lag.rate_kept))
+        return told + lag.steps * (rate - later + 2 * lag.damping_ratio * (gap - ahead))
 
     def memory(self, values):
         time_constant, damping_ratio = values.T
