@@ -43,16 +43,13 @@ def ways_before(path: np.ndarray, episodes: Sequence[slice], steps: np.ndarray, 
         turned: list[float] = []
         way, begin = 0.0, episode.start
         for row in inside[np.argsort(steps[inside], kind="stable")]:
-            for value in _measured(path[begin : steps[row] + 1]):
+            since = path[begin : steps[row] + 1]
+            for value in since[np.isfinite(since)].tolist():
                 way = _go_on(turned, value, way, least)
             begin = steps[row] + 1
             last = np.diff([*turned[-SETTINGS.remembered :], turned[-1] + way]) if turned else []
             ways[row, SETTINGS.remembered - len(last) :] = last
     return ways
-
-
-def _measured(path: np.ndarray) -> list[float]:
-    return path[np.isfinite(path)].tolist()
 
 
 def _go_on(turned: list[float], value: float, way: float, least: float) -> float:

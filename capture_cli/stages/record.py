@@ -54,7 +54,8 @@ def record(options: RecordOptions) -> Recording:
     truth = options.truth or out.with_suffix(".truth.json")
     _refuse_truth(truth, out, force=options.force)
     asked = SimulatedMachine.of(options.task, options.estimate, options.effects)
-    machine, policy = asked.task, _if_path(options.policy)
+    machine = asked.task
+    policy = Path(options.policy) if options.policy is not None and Path(options.policy).exists() else None
     read = [options.inputs_from, options.actions_from, options.estimate, policy]
     read += task_inputs(machine).values()
     refuse_inputs(out, read)
@@ -161,10 +162,6 @@ def _point(asked: SimulatedMachine, options: RecordOptions, generator: np.random
         refuse_negative("--param", parameter, value)
     refuse_without_effect(asked.task, point, effects)
     return np.concatenate([point, effects.drawn(generator, 1)[0] if effects.vary else effects.middle])
-
-
-def _if_path(name: str | None) -> Path | None:
-    return Path(name) if name is not None and Path(name).exists() else None
 
 
 def _in_scene(world: World, point: np.ndarray, driven: Drive) -> tuple[Drive, np.ndarray]:
