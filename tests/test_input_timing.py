@@ -180,3 +180,16 @@ def test_a_late_sensor_does_not_make_up_for_inputs_that_are_misread(seed):
     misread = held.read_as([EVENLY, EVENLY]).best()
     assert misread.effects
     assert misread.gain(declared)[0] < 5.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "holds"), [("base-compliance", (HELD, HELD)), ("coulomb-friction", (EVENLY, HELD))]
+)
+def test_inputs_act_each_in_their_own_way_where_no_effect_with_all_alike_does_as_well(kind, holds):
+    """A table that gives moves one joint as if its commands changed evenly."""
+    task, log, _ = Case(PLANTED, "pan_tilt", ("base-compliance@y",), 2.2, 647467791).build()
+    prepared = prepare(log, task, **QUIET)
+    assert prepared.task.holds == (EVENLY, HELD)
+    few = [c for c in all_candidates(prepared) if c.placed.kind == kind]
+    found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
+    assert tuple(t.hold for t in found) == holds

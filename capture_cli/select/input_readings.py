@@ -18,6 +18,7 @@ from capture_cli.estimate.balance.input_timing import (
 )
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.model_fits import USUAL, Effort, ModelFits
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
@@ -100,6 +101,7 @@ def timings_with_effects(
     simulations otherwise; with the screening of the candidates in that reading. None where the log gives no balance.
     Of two effects one may make up for the reading: held inputs are like a delay of what changes evenly. Then
     simulations decide, too. Inputs are held where no other reading explains the log: what is missing may look like one.
+    So may inputs that each act in their own way, as the declared model says: that has to be surely better.
 
     prepared: with the task as it was given, and what the declared model alone says of its inputs; where that explains
     the log with one reading, one effect with the other has to be surely better. prepared_as: makes the log ready for
@@ -125,15 +127,20 @@ def timings_with_effects(
         # what the record explains needs no effect
         if other is not None and not changing.is_surely_better_than(other):
             changing = other
-    told = {t.hold for t in prepared.input_timings}
-    if told:
-        known, other = (held, changing) if HELD in told else (changing, held)
+    told = prepared.input_timings
+    holds = {t.hold for t in told}
+    if len(holds) == 1:
+        known, other = (held, changing) if HELD in holds else (changing, held)
         best = other if other.is_surely_better_than(known) else known
     else:
         best = _of_pairs(held, changing, prepared_as, threads)
     best = _nearest_fit(best, prepared_as, threads)
-    if told == {best.hold}:
-        return prepared.input_timings, best.screening
+    if holds == {best.hold}:
+        return told, best.screening
+    if len(holds) > 1:
+        mixed = screening.read_as(with_timings(prepared.task, told).holds)
+        if is_surely_better(best.model.likelihood, mixed.best().likelihood):
+            return told, mixed
     gain, error = best.model.gain((changing if best.hold == HELD else held).model)
     asked = (c.name for c in prepared.task.inputs if c.hold is None)
     return tuple(

@@ -80,12 +80,12 @@ def _prepared(
 ) -> PreparedLog:
     """The log made ready; where something is missing, how inputs act is told by the best effect with each reading.
 
-    What the declared model alone says of them, of all alike, is asked again with an effect in where it leaves more than
-    noise: a missing effect may look like another reading.
+    What the declared model alone says of them is asked again with an effect in where it leaves more than noise: a
+    missing effect may look like another reading.
     """
     prepared, task = to_fit.prepared(held_out), to_fit.task
     told = prepared.input_timings
-    settled = told and (len({t.hold for t in told}) > 1 or told[0].beyond_noise < INPUT_TIMING.asked_again)
+    settled = told and told[0].beyond_noise < INPUT_TIMING.asked_again
     if settled or all(c.hold is not None for c in task.inputs):
         return prepared
     unread, candidates = replace(prepared, task=task), all_candidates(prepared)
