@@ -16,11 +16,11 @@ def recursively_filtered(zeros: Sequence[float], poles: Sequence[float], signal:
     from scipy.linalg.lapack import dtbtrs  # loads for 0.14 s, and most effects that may filter do not
 
     x = signal.reshape(len(signal), -1)
-    driven = np.zeros(x.shape)
+    driven = np.zeros(x.shape, order="F")
     for late, factor in enumerate(zeros):
         driven[late:] += factor * x[: len(x) - late]
-    band = np.repeat(np.array([1.0, *poles])[:, None], len(x), axis=1)
-    found, _ = dtbtrs(band, driven, uplo="L")
+    band = np.repeat(np.array([[1.0, *poles]]), len(x), axis=0).T  # by columns, as LAPACK has it
+    found, _ = dtbtrs(band, driven, uplo="L", overwrite_b=True)
     return found.reshape(signal.shape)
 
 

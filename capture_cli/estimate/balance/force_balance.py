@@ -36,7 +36,6 @@ from capture_cli.estimate.balance.trees import (
     AtPoints,
     in_whole_trees,
     inverse_of,
-    made_heavier,
     solved,
     times,
 )
@@ -120,13 +119,12 @@ class Points:
 
 @dataclass(frozen=True)
 class _WorkedOut:
-    """forces, and what they come from: what is `applied` but by contacts, without dry friction `smooth`, that friction,
-    the acceleration by what is applied, which is `free`, and by how much contacts `pushed`, and what they `push` by,
-    (point, nv) each; how many contacts there are, (point,); and the inertia, as mjData.M packs it.
+    """forces, and what they come from: what is applied but by contacts, without dry friction `smooth`, that friction,
+    the acceleration by both, which is `free`, and by how much contacts `pushed`, and what they `push` by, (point, nv)
+    each; how many contacts there are, (point,); and the inertia, as mjData.M packs it.
     """
 
     forces: Accelerations
-    applied: np.ndarray
     smooth: np.ndarray
     friction: np.ndarray
     free: np.ndarray
@@ -295,19 +293,18 @@ class ForceBalance:
         return any(name in _OF_IMPACTS for name in fields.values)
 
     def _numbers(self, late: np.ndarray) -> np.ndarray:
-        """Outputs with slope and curvature, (point, 3, output), each `late` s after (..., output)."""
-        smoothed, parts = self.smoothed, []
-        time = smoothed.log.time[self.points.step]
-        late = np.broadcast_to(late, (len(self.points), len(smoothed.task.outputs)))
-        for n in range(len(smoothed.parts)):
-            own = self.points.part == n
-            found = np.zeros((own.sum(), 3, len(smoothed.task.outputs)))
-            for column, series in smoothed.series.items():
+        """Outputs with slope and curvature, (point, 3, output), each `late` s after (point, output)."""
+        known = self.__dict__.get("numbers")
+        found = np.zeros((len(self.points), 3, late.shape[1])) if known is None else known.copy()
+        time = self.smoothed.log.time[self.points.step]
+        for column, series in self.smoothed.series.items():
+            if known is not None and np.array_equal(late[:, column], self.late[:, column]):
+                continue
+            for own, part in zip(self._own_points, series, strict=True):
                 at = time[own] + late[own, column]
                 for derivative in range(3):
-                    found[:, derivative, column] = series[n].at(at, derivative)
-            parts.append(found)
-        return np.concatenate(parts)
+                    found[own, derivative, column] = part.at(at, derivative)
+        return found
 
     def _controls(self) -> np.ndarray:
         """ctrl (point, nu) as the actuators receive it, the mean about each point."""
@@ -603,7 +600,7 @@ class ForceBalance:
             pushed = solved(model, felt, np.where(self.at_rest, 0.0, push))
         forces = Accelerations(state[2], self._resting(free, pushed))
         kept = (a.copy() for a in (push, contacts, inertia))
-        return _WorkedOut(forces, applied, smooth, friction, free, pushed, *kept)
+        return _WorkedOut(forces, smooth, friction, free, pushed, *kept)
 
     def _resting(self, free: np.ndarray, pushed: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
         """Accelerations (point, nv) of what moves by `free` without contacts, and is `pushed` by them as hard as keeps
@@ -825,12 +822,23 @@ class ForceBalance:
         """
         parts = []
         for some in np.array_split(np.arange(len(index)), -(-len(index) // SETTINGS.lanes)):
-            here = index[some]
-            more = heavier[some] * ~self.at_rest[here]
-            own = self._own_inverse_mass[here], self._own_inverse_felt[here]
-            free = self._accelerated(acts[some], loss[some], *(made_heavier(i, more) for i in own), here)
-            parts.append(self._resting(free, self._null.pushed[here]) - self.null.predicted[here])
+            parts.append(self._heavier(acts[some], loss[some], heavier[some], index[some]))
         return np.concatenate(parts)
+
+    def _heavier(
+        self, acts: np.ndarray, loss: np.ndarray, heavier: np.ndarray, here: np.ndarray
+    ) -> np.ndarray:
+        """As of `_led_with_inertia`: trees in which nothing changes stay as they are."""
+        model, null = self._model, self._null
+        changed = in_whole_trees(model, (acts != 0) | (heavier != 0) | (loss != model.dof_frictionloss))
+        more = heavier * ~self.at_rest[here]
+        state = tuple(s[here] for s in self.state)
+        mass, felt = (AtPoints(i, here, more) for i in (self._own_inverse_mass, self._own_inverse_felt))
+        applied = null.smooth[here] + acts
+        applied += self._friction(model, mass, applied, np.where(changed, loss, 0.0), state, here)
+        applied = np.where(self.at_rest[here], state[2], applied)
+        free = np.where(changed, times(model, felt, np.where(changed, applied, 0.0)), null.free[here])
+        return self._resting(free, null.pushed[here]) - self.null.predicted[here]
 
     def _led(self, acts: np.ndarray, loss: np.ndarray, here: np.ndarray) -> np.ndarray:
         """Accelerations (lane, nv) by forces `acts` at the points `here`, with frictionloss `loss`, (lane, nv) each."""

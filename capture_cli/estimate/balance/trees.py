@@ -43,14 +43,18 @@ def solved(model: mujoco.MjModel, matrices: np.ndarray, vectors: np.ndarray) -> 
 
 @dataclass(frozen=True)
 class AtPoints:
-    """Of `matrices` (point, nv, nv) those at the points `here` (lane,), of which what is asked for is picked alone."""
+    """Of the inverse `matrices` (point, nv, nv) those at the points `here` (lane,), where the inertia of coordinates is
+    larger by `heavier` (lane, nv); only what is asked for is picked.
+    """
 
     matrices: np.ndarray
     here: np.ndarray
+    heavier: np.ndarray | None = None
 
     def __getitem__(self, at: tuple) -> np.ndarray:
-        lanes, *blocks = at
-        return self.matrices[self.here[lanes], *blocks]
+        lanes, rows, columns = at
+        found = self.matrices[self.here[lanes], rows, columns]
+        return found if self.heavier is None else made_heavier(found, self.heavier[lanes, rows])
 
 
 def times(model: mujoco.MjModel, matrices: AtPoints, vectors: np.ndarray) -> np.ndarray:

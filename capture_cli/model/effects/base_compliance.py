@@ -58,8 +58,9 @@ def momentum_along(model, axis, cdof, subtree_com, body_subtreemass):
     """kg, or kg m: momentum along the axis of the world, per unit of each qvel, (..., nv)."""
     body = model.dof_bodyid
     arm = subtree_com[..., body, :] - subtree_com[..., model.body_rootid[body], :]
-    moved = cdof[..., 3:] + np.cross(cdof[..., :3], arm)
-    return body_subtreemass[..., body] * moved[..., axis]
+    one, two = (axis + 1) % 3, (axis + 2) % 3
+    turned = cdof[..., one] * arm[..., two] - cdof[..., two] * arm[..., one]
+    return body_subtreemass[..., body] * (cdof[..., 3 + axis] + turned)
 
 
 def centre_along(mass, position, bodies, axis):
