@@ -42,7 +42,12 @@ def judged_by_blocks(
             point=np.zeros(parameters),
             at=SimpleNamespace(taken_by_hidden=np.zeros(4)),
         ),
-        select=SimpleNamespace(correlation_steps=1.0, blocks=lambda length: blocks, penalised_squares=blocks),
+        select=SimpleNamespace(
+            correlation_steps=1.0,
+            measured_steps=len(blocks),
+            blocks=lambda length: blocks,
+            penalised_squares=blocks,
+        ),
     )
 
 

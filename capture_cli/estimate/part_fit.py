@@ -77,6 +77,11 @@ class PartFit:
         """How many steps of the residual are worth one that is independent."""
         return correlation_steps(self.residual.reshape(self.data.measured.shape), self.data.mask)
 
+    @property
+    def measured_steps(self) -> int:
+        """In how many steps anything was measured."""
+        return int(self.data.mask.any(axis=2).sum())
+
     def blocks(self, length: int) -> np.ndarray:
         """Penalised squares summed over blocks of about `length` steps, (block,)."""
         by_step = np.square(self.residual.reshape(self.data.measured.shape)).sum(axis=2)

@@ -25,6 +25,9 @@ class SETTINGS:
     resamples_at_a_time: int = 100  # so that a long log's take some MB
     few_blocks: int = 12  # a bootstrap of so few is too sure of itself
     block_times: int = 2  # a block lasts so many autocorrelation times of the residual
+    # and so many steps, as far as that leaves so many blocks: the logarithm of a few squares is mostly chance
+    block_steps: int = 16
+    blocks: int = 40
 
 
 @dataclass(frozen=True)

@@ -488,8 +488,10 @@ def chance(one: Fit, other: Fit) -> float:
 
 
 def _block_length(judged: PartFit) -> int:
-    """Steps of blocks that are about independent."""
-    return int(np.ceil(CRITERION.block_times * judged.correlation_steps))
+    """Steps of blocks that are about independent, and in which the noise evens out."""
+    independent = CRITERION.block_times * judged.correlation_steps
+    steps = min(CRITERION.block_steps, judged.measured_steps / CRITERION.blocks)
+    return int(np.ceil(max(independent, steps)))
 
 
 def effective_samples(fit: Fit) -> float:
