@@ -49,11 +49,12 @@ def asked(tmp_path_factory):
 @pytest.fixture(scope="module")
 def whole(asked, tmp_path_factory):
     """The diagnosis without an interruption, and how many steps it took."""
+    out = tmp_path_factory.mktemp("whole") / "d"
     with pytest.MonkeyPatch.context() as patch:
         few_candidates.__wrapped__(patch)
         steps = steps_made(patch)
-        diagnose(out=tmp_path_factory.mktemp("whole") / "d", **asked)
-    return tmp_path_factory.getbasetemp() / "whole0" / "d", len(steps)
+        diagnose(out=out, **asked)
+    return out, len(steps)
 
 
 def steps_made(monkeypatch, most: int | None = None) -> list[str]:
