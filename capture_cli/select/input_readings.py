@@ -83,6 +83,11 @@ class Reading:
         hold = likeliest(asked, self.screening.balance)
         return None if hold == self.hold else self.with_best(hold).with_best_of([self])
 
+    def with_two(self) -> Reading:
+        """With the best model of two effects, or laws at all of their places, if that is surely better."""
+        levels = list(grown(self.screening, (), (), 2, settings=NARROW))
+        return replace(self, model=levels[-1].best) if levels else self
+
     def with_best_of(self, others: Sequence[Reading]) -> Reading:
         """The reading with the best of its own model and of those of others, fitted in its screening."""
         models = [self.model, *(self.screening.fitted(other.model) for other in others)]
@@ -150,7 +155,8 @@ def timings_with_effects(
 
 def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:
     """One of the readings or, where these do not decide, of the same with two effects at most: what else is missing may
-    look like another reading. Where all leave far more than noise, one decides: two will not do either.
+    look like another reading. Where all leave far more than noise, one decides: two will not do either. Inputs are held
+    where no two explain the log with inputs that change.
 
     A search stops at one effect where a second is not surely better. So each reading is asked with the effects that the
     other has, too: of two models the likelihoods would not be of the readings alone.
@@ -167,8 +173,10 @@ def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads
     explaining = _explaining(held, changing, prepared_as, threads)
     if explaining is not None:
         return explaining
-    largest = [list(grown(r.screening, (), (), 2, settings=NARROW))[-1:] for r in both]
-    held, changing = (replace(r, model=m[0].best) if m else r for r, m in zip(both, largest, strict=True))
+    changing = changing.with_two()
+    if changing.model.beyond_noise >= SETTINGS.hopeless_with_two:
+        return held
+    held = held.with_two()
     held, changing = held.with_best_of([changing]), changing.with_best_of([held])
     if held.is_surely_better_than(changing):
         return held

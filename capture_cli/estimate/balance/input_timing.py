@@ -29,8 +29,9 @@ class InputTimingSettings:
     sensors' noise in rows, how much more the model may be wrong by: beyond it something else is missing, which may look
     like another timing. asked_again: beyond which an effect may tell of another timing than the declared model alone,
     and within which a fit with one leaves nothing to ask. hopeless: by how much more with one effect in it two are not
-    asked. most: commands from row to row that are told from an even change. early: rows, by which an input acts before
-    its own where that is looked for, and earliest, up to which it is; finest: in which steps.
+    asked, and hopeless_with_two: with two, no fit is. most: commands from row to row that are told from an even
+    change. early: rows, by which an input acts before its own where that is looked for, and earliest, up to which it
+    is; finest: in which steps.
     """
 
     blocks: int = 12
@@ -39,6 +40,7 @@ class InputTimingSettings:
     else_missing: float = 3.0
     asked_again: float = 0.1
     hopeless: float = 100.0
+    hopeless_with_two: float = 30.0
     most: int = 5
     early: float = 0.25
     earliest: float = 2.0
