@@ -232,8 +232,13 @@ def score_at_null(narrow: NarrowPeaks, candidate: Candidate) -> None:
 def _least_gain(fit: Fit, candidate: Candidate) -> float:
     """Of the objective over the variance that is left: a smaller one is no reason to fit the candidate."""
     by_chance = WORTH.smallest_gain + 2 * float(np.log(candidate.shapes_tried))
+    return max(by_chance, gain_of(WORTH.promising, fit))
+
+
+def gain_of(share: float, fit: Fit) -> float:
+    """The gain of a score that promises this share of the squared error that `fit` leaves above the noise floor."""
     above_noise = fit.excess / max(fit.error**2, 1e-300)
-    return max(by_chance, WORTH.promising * above_noise * fit.at.data.count)
+    return share * above_noise * fit.at.data.count
 
 
 @dataclass(frozen=True)

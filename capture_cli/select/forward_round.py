@@ -13,7 +13,7 @@ from capture_cli.estimate.fit import Fit, least, thinned
 from capture_cli.estimate.model_fits import Effort
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
-from capture_cli.select.candidates import Candidate, score_at_null, worth_a_refit
+from capture_cli.select.candidates import Candidate, gain_of, score_at_null, worth_a_refit
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.narrow_peaks import NarrowPeaks
 from capture_cli.select.rejection import SETTINGS as REJECTION
@@ -31,6 +31,8 @@ from capture_cli.select.score_checkpoint import kept_scores
 class SETTINGS:
     # other candidates that an accepted effect is compared with once everything else is in the model
     rivals: int = 4
+    # of the share that a fit has to take, what its score has to promise where another effect is known
+    promised: float = 0.2
     # cosine of responses beyond which a candidate that was not fitted may still be a rival
     similar: float = 0.97
 
@@ -124,7 +126,9 @@ class ForwardRound:
 
     def _fitted(self, *, patient: bool) -> tuple[list[Candidate], list[Candidate]]:
         """Candidates that are supported once they are fitted, and those that were not worth a fit."""
-        refitted, others = worth_a_refit(self.ranked)
+        least_gain = 0.0 if patient else self._promised(REJECTION.material)
+        refitted, others = worth_a_refit([c for c in self.ranked if c.score.gain >= least_gain])
+        others += [c for c in self.ranked if c.score.gain < least_gain]
         supported = self._refit_all(refitted, REJECTION.material)
         for worth, material in FURTHER:
             if supported or not patient or not others:
@@ -135,6 +139,11 @@ class ForwardRound:
             supported = self._refit_all(refitted, material)
         reject_at_first_sight(others, self.ranked)
         return supported, others
+
+    def _promised(self, material: float) -> float:
+        """The gain of a score that is a reason to fit where another effect is known: a share of what is `material`."""
+        _, at = thinned(self.models.fit_part, self.current)
+        return gain_of(SETTINGS.promised * material, replace(self.current, at=at))
 
     def _refit_all(self, candidates: Sequence[Candidate], material: float) -> list[Candidate]:
         """Fit the model with each of the candidates in it; those that are supported, and take `material`."""
