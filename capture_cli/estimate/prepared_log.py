@@ -154,6 +154,7 @@ class PreparedLog:
         """What `evaluate` gives; of a trial for which first order will do, also whether all of it was simulated."""
         return self._near(simulator, trial) if trial.near else self.evaluate(simulator, trial)
 
+    @np.errstate(over="ignore", invalid="ignore")  # what runs away to first order is simulated
     def _near(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray, bool]:
         """To first order, of candidates that differ little from the first, and whether all was simulated after all.
 
@@ -179,12 +180,11 @@ class PreparedLog:
         """In which windows a step along all candidates of the trial at once leads where `outputs` (candidate, window,
         step, output) say, (window,). Each candidate has the same share in it, none more than its own step.
         """
-        with np.errstate(over="ignore", invalid="ignore"):
-            changes = (outputs - outputs[0]) / self.noise.sd * self.windows.sampled
-            size = np.median(np.sqrt(np.square(changes).sum(axis=(2, 3))), axis=1)
-            usual = np.median(size[size > 0]) if (size > 0).any() else 1.0
-            share = usual / np.maximum(size, usual)
-            foreseen = np.tensordot(share, changes, axes=1)
+        changes = (outputs - outputs[0]) / self.noise.sd * self.windows.sampled
+        size = np.median(np.sqrt(np.square(changes).sum(axis=(2, 3))), axis=1)
+        usual = np.median(size[size > 0]) if (size > 0).any() else 1.0
+        share = usual / np.maximum(size, usual)
+        foreseen = np.tensordot(share, changes, axes=1)
         if not np.isfinite(share).all():
             return np.zeros(len(self.windows), dtype=bool)
         together = (
