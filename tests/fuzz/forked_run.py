@@ -19,13 +19,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from capture_cli.model.mjcf.limited_process import bytes_taken
+
 if sys.platform != "win32":
     import resource
 
 CAN_RUN = sys.platform == "linux"
 LONGEST = 20.0  # s
 MOST_MEMORY = 2 << 30  # bytes
-STOPPED_AT = 4 << 30  # bytes of data that a run may ask for at all: more would harm the machine
+STOPPED_AT = (
+    4 << 30
+)  # bytes of data that a run may ask for beside what this process has: more would harm the machine
 MOST_SHOWN = 1 << 20  # bytes of what it says
 WARM = (
     "typer._adapters",
@@ -185,7 +189,8 @@ def _be_capture(
         os.environ.update(TMPDIR=str(temporary), MUJOCO_GL="disable", COLUMNS="120")
         tempfile.tempdir = None
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_DATA, (STOPPED_AT, STOPPED_AT))
+        most = bytes_taken() + STOPPED_AT
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
         os.chdir(folder)
         if enter:
             enter()

@@ -131,7 +131,7 @@ def _limit(seconds: float, memory: int) -> None:
     for limit, most in (
         (resource.RLIMIT_CORE, 0),
         (resource.RLIMIT_CPU, processor),
-        (resource.RLIMIT_DATA, _taken() + memory),
+        (resource.RLIMIT_DATA, bytes_taken() + memory),
     ):
         _, hard = resource.getrlimit(limit)
         highest = most + SETTINGS.grace if limit == resource.RLIMIT_CPU else most
@@ -141,7 +141,7 @@ def _limit(seconds: float, memory: int) -> None:
             resource.setrlimit(limit, (most, highest))
 
 
-def _taken() -> int:
+def bytes_taken() -> int:
     """Bytes of data and stack that this process has."""
     pages = int(Path("/proc/self/statm").read_text().split()[5])
     return pages * os.sysconf("SC_PAGE_SIZE")
