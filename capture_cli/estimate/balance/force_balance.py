@@ -118,6 +118,18 @@ class Points:
 
 
 @dataclass(frozen=True)
+class _Seen:
+    """What forces see at the points: the world, the inverse of the inertia (point, nv, nv), what actuators do, and all
+    forces but those of constraints, `smooth` (point, nv).
+    """
+
+    world: World
+    inverse: np.ndarray
+    actuation: Actuation | None
+    smooth: np.ndarray
+
+
+@dataclass(frozen=True)
 class _WorkedOut:
     """forces, and what they come from: what is applied but by contacts, without dry friction `smooth`, that friction,
     the acceleration by both, which is `free`, and by how much contacts `pushed`, and what they `push` by, (point, nv)
@@ -266,7 +278,8 @@ class ForceBalance:
         variants, points = driven.shape[:2]
         here = np.tile(np.arange(points), variants)
         acts = actuation.changed(actuation.given(driven.reshape(len(here), -1), here=here), here)
-        return self._as_changes(self._led_freely(acts, here), variants)
+        loss = np.broadcast_to(self._model.dof_frictionloss, acts.shape)
+        return self._as_changes(self._led(acts, loss, here), variants)
 
     @cached_property
     def _actuation(self) -> Actuation | None:
@@ -279,22 +292,16 @@ class ForceBalance:
         changes = accelerations.reshape(variants, len(self.points), self.model.nv)
         return [Accelerations(np.zeros_like(self.state[1]), c) for c in changes]
 
-    def _led_freely(self, acts: np.ndarray, here: np.ndarray) -> np.ndarray:
-        """Accelerations (lane, nv) by forces `acts` (lane, nv) at the points `here`, with the dry friction that the
-        model has.
-        """
-        loss = np.broadcast_to(self._model.dof_frictionloss, acts.shape)
-        return self._led(acts, loss, here)
-
     def _writes_impacts(self, writing: Sequence[AtValues]) -> bool:
         fields = ModelFields(self.model, 1)
         for effect, values in writing:
             effect.write(fields, values[None])
         return any(name in _OF_IMPACTS for name in fields.values)
 
-    def _numbers(self, late: np.ndarray) -> np.ndarray:
-        """Outputs with slope and curvature, (point, 3, output), each `late` s after (point, output)."""
-        known = self.__dict__.get("numbers")
+    def _numbers(self, late: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
+        """Outputs with slope and curvature, (point, 3, output), each `late` s after (point, output). known: the same at
+        `self.late`, whose columns stay where an output is no later.
+        """
         found = np.zeros((len(self.points), 3, late.shape[1])) if known is None else known.copy()
         time = self.smoothed.log.time[self.points.step]
         for column, series in self.smoothed.series.items():
@@ -405,7 +412,7 @@ class ForceBalance:
         """
         reporting = self._with(effect, values)
         late, step = self._lateness(reporting), self.points.step
-        numbers = self._numbers(late)
+        numbers = self._numbers(late, self.numbers)
         qpos, qvel, _ = self.smoothed.states(self._true(numbers, reporting), step)
         predicted = self._with_predicted(numbers, late)
         acceleration = self.smoothed.states(self._true(predicted, reporting), step)[2]
@@ -501,7 +508,7 @@ class ForceBalance:
     @cached_property
     def inverse_inertia(self) -> np.ndarray:
         """Acceleration by a unit of force, (point, nv, nv)."""
-        return self._world[1]
+        return self._seen.inverse
 
     def _written(self, point: np.ndarray, writing: Sequence[AtValues]) -> mujoco.MjModel:
         fields = ModelFields(self.smoothed.task.model, 1)
@@ -849,8 +856,7 @@ class ForceBalance:
         """A field of MjData at the points, of the model as it is; the acceleration is the predicted one."""
         if name == "qacc":
             return self.null.predicted
-        world, *_ = self._world
-        return getattr(world, name)
+        return getattr(self._seen.world, name)
 
     def _led_elsewhere(self, force: Callable, index: np.ndarray) -> np.ndarray:
         """As `_led_at_joints`, of a force that changes anything; MuJoCo works out at every step what that does, but for
@@ -886,11 +892,11 @@ class ForceBalance:
 
     def _by_actuators(
         self, world: RecordedWorld, here: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """As `_by_mujoco`, where a force changes no more than what joints feel and numbers of linear actuators; None
-        where it changes something else.
+    ) -> tuple[np.ndarray, np.ndarray, None] | None:
+        """As `_by_mujoco`, where a force changes no more than what joints feel and numbers of linear actuators, so that
+        the inertia is not asked for; None where it changes something else.
         """
-        actuation = self._world[2]
+        actuation = self._seen.actuation
         if actuation is None or world.changes(but=(APPLIED[0], *AT_JOINTS, *NUMBERS)):
             return None
         numbers = world.changed(NUMBERS)
@@ -899,7 +905,7 @@ class ForceBalance:
         given = actuation.given(self.controls[here], numbers, here)
         velocity = self._begins[here]
         applied = world.qfrc_applied - (world.vary("dof_damping") - self._model.dof_damping) * velocity
-        return applied + actuation.changed(given, here), given, self._null.inertia[:0]
+        return applied + actuation.changed(given, here), given, None
 
     def _by_mujoco(
         self, world: RecordedWorld, here: np.ndarray, runner: batch.Batch
@@ -911,21 +917,19 @@ class ForceBalance:
         runner.bind("time")[...] = self.points.time[here]
         world.write(runner)
         self._forward(runner, self.state[0][here], self._begins[here], self.controls[here])
-        return smooth - self._world[-1][here], actuators.copy(), inertia
+        return smooth - self._seen.smooth[here], actuators.copy(), inertia
 
     @cached_property
     def actuator_force(self) -> np.ndarray:
         """N or N m, (point, actuator)."""
-        world, *_ = self._world
-        return np.array(world.actuator_force)
+        return np.array(self._seen.world.actuator_force)
 
     @cached_property
     def _model(self) -> mujoco.MjModel:
         return self._written(self.point, self._acting("model"))
 
     @cached_property
-    def _world(self):
-        """What forces see at the points, the model's inverse inertia there, what its actuators do, and its forces."""
+    def _seen(self) -> _Seen:
         model = self._model
         runner = self._runner(model)
         smooth = runner.bind("qfrc_smooth")
@@ -936,7 +940,7 @@ class ForceBalance:
         world.qacc = self.null.predicted
         world.stepped = True
         inverse = self._own_inverse_felt * ~self.at_rest[:, None, :]
-        return world, self._yielding(inverse), actuation, smooth.copy()
+        return _Seen(world, self._yielding(inverse), actuation, smooth.copy())
 
     def _yielding(self, inverse: np.ndarray) -> np.ndarray:
         """Acceleration by a unit of force, (point, nv, nv): what no sensor shows stays where contacts keep it."""
