@@ -63,8 +63,15 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
         begin.check_task(found, "identify again with the task as it is now")
     nominal = found.space.nominal if begin is None else begin.values
     with unfinished_diagnosis(options, provenance.document()) as (folder, checkpoint):
-        asked = {n: getattr(options, n) for n in ("starts", "most_effects", "expression", "seed", "threads")}
-        settings = Settings(**asked, checkpoint=checkpoint, limit=limit)
+        settings = Settings(
+            starts=options.starts,
+            most_effects=options.most_effects,
+            expression=options.expression,
+            seed=options.seed,
+            threads=options.threads,
+            checkpoint=checkpoint,
+            limit=limit,
+        )
         with Progress("diagnose", "model", quiet=options.quiet) as progress:
             progress.doing("making the log ready")
             prepared = _prepared(to_fit, held_out, limit, progress)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError
 from capture_cli.estimate.initial_states.from_outputs import model_initial_states
@@ -40,6 +41,11 @@ from capture_cli.store.document_shape import NUMBER, check_shape, or_none
 from capture_cli.store.estimate import Estimate
 from capture_cli.store.output import PROVENANCE, refuse_inputs, sha256
 from capture_cli.store.proposal import FORMAT, VERSION, ProposalRecord
+
+
+@frozen
+class SETTINGS:
+    strongest: int = 2  # of a band: multisines whose information is compared
 
 
 @takes_options
@@ -195,13 +201,12 @@ def _multisine(
 
 
 def _strongest(may: np.ndarray, bands: int) -> np.ndarray:
-    """Numbers of the two strongest of each band that `may` be compared, (multisine,), band after band, the strongest
-    first; all where none may.
+    """Numbers of the strongest `strongest` of each band that `may` be compared, (multisine,), band after band, the
+    strongest first; all where none may.
     """
     if not may.any():
         return np.arange(len(may))
-    most = 2  # of each band
-    return np.flatnonzero(may & (np.cumsum(may.reshape(bands, -1), axis=1).ravel() <= most))
+    return np.flatnonzero(may & (np.cumsum(may.reshape(bands, -1), axis=1).ravel() <= SETTINGS.strongest))
 
 
 def _shown(task: Task, estimate: Estimate, known: Known) -> ExcitationRange:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.documents import exists
+from capture_cli.common.frozen import frozen
 from capture_cli.common.signals import uninterrupted
 from capture_cli.errors import StoreError
 from capture_cli.store.array_metadata import ArrayMetadata, array_metadata
@@ -36,6 +37,12 @@ from capture_cli.store.schema import ArraySpec, Schema
 from capture_cli.store.zarr_store import MAKE_AGAIN, ROOT, ZarrStore
 
 MARKS = "written"
+
+
+@frozen
+class SETTINGS:
+    chunk_pairs: int = 64  # the unit of reading
+
 
 SCHEMA = Schema(
     format="capture/histories",
@@ -137,7 +144,7 @@ class HistoriesWriter:
         header = SCHEMA.header({"complete": False, **attributes})
         sizes = _sizes(attributes)
         pairs, shard = sizes["pair"], attributes["shard_pairs"]
-        chunk = math.gcd(64, shard)  # pairs, the unit of reading
+        chunk = math.gcd(SETTINGS.chunk_pairs, shard)
         with self._while_zarr_writes():
             group = self.clear()
             for spec in DATA:

@@ -66,9 +66,20 @@ def evaluation_plan(
     if options.known_noise:
         observation_noise.error_rate(noise)
     world = _world(options, machine, effects)
-    asked = {n: getattr(options, n) for n in ("pairs", "rounds", "noise", "seed", "threads", "known_noise")}
     draws = [
-        Sim2Sim(task=machine, policy=chosen, number=number, effects=effects, world=world, **asked)
+        Sim2Sim(
+            task=machine,
+            policy=chosen,
+            pairs=options.pairs,
+            rounds=options.rounds,
+            noise=noise,
+            seed=options.seed,
+            number=number,
+            threads=options.threads,
+            known_noise=options.known_noise,
+            effects=effects,
+            world=world,
+        )
         for number in range(options.seeds)
     ]
     noise = f"{noise} (known)" if options.known_noise else noise
