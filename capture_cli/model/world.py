@@ -8,6 +8,8 @@ import numpy as np
 from mujoco import batch
 
 APPLIED = ("qfrc_applied", "xfrc_applied")
+# Fields that are no state and that forces read together: one call of MuJoCo fills all of them
+TOGETHER = (("qfrc_spring", "qfrc_gravcomp", "qfrc_fluid", "qfrc_bias"), ("qLD", "qLDiagInv"))
 
 
 class World:
@@ -28,12 +30,13 @@ class World:
         self._varied: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def __getattr__(self, name: str) -> np.ndarray:
-        value = self._runner.bind(name)
-        is_state = value.flags.writeable
+        names = next((group for group in TOGETHER if name in group), (name,))
+        values = {each: self._runner.bind(each) for each in names}
+        is_state = values[name].flags.writeable
         if not is_state:  # filled by the next call only
             self._work_out()
-        setattr(self, name, value)
-        return value
+        vars(self).update(values)
+        return values[name]
 
     def _work_out(self) -> None:
         """Fill the fields that are no state: in the first step under the forces under which qacc was first read."""

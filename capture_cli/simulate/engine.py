@@ -270,7 +270,8 @@ def _step_with_forces(
     if REMEMBERED in names:
         recorded[REMEMBERED] = np.zeros((len(rows), controls.shape[1], remembered))
     reports = [force.report for force in forces if hasattr(force, "report")]
-    bad = np.zeros(len(rows), dtype=bool)
+    warned = runner.warning[:, :, 1]
+    bad, any_bad = np.zeros(len(rows), dtype=bool), False
     for number in range(controls.shape[1] * substeps):
         step, inside = divmod(number, substeps)
         ctrl[...] = controls[:, step]
@@ -281,18 +282,21 @@ def _step_with_forces(
             recorded[REMEMBERED][:, step] = _remembered(forces, len(rows))
         for force in forces:
             force(world)
-        joint_force[bad] = 0.0
-        body_force[bad] = 0.0
-        world.restore_varied(bad)
+        if any_bad:
+            joint_force[bad] = 0.0
+            body_force[bad] = 0.0
+            world.restore_varied(bad)
         for name in names:
             if name in STATES and not inside:
                 recorded[name][:, step] = live[name]
         try:
             runner.step()
         except batch.SimulationError as error:
-            bad[error.ids] = True
+            bad[error.ids] = any_bad = True
         world.stepped = True
-        bad |= _warned(runner)
+        if warned.any():
+            bad |= warned.any(axis=1)
+            any_bad = True
         if inside:
             continue
         for name in names:
@@ -301,8 +305,9 @@ def _step_with_forces(
         shown = live["sensordata"].copy() if reports else live["sensordata"]
         for report in reports:
             report(shown)
-        held = recorded["sensordata"][:, step - 1] if step else shown
-        recorded["sensordata"][:, step] = np.where(bad[:, None], held, shown)
+        recorded["sensordata"][:, step] = shown
+        if any_bad and step:
+            recorded["sensordata"][bad, step] = recorded["sensordata"][bad, step - 1]
     world.restore_varied()
     return recorded, bad
 

@@ -88,8 +88,10 @@ class ForceSupplySag(Effect):
         return np.abs(world.actuator_force[:, self.fed]).mean(axis=1)
 
     def add(self, world, term):
+        # a slice is quicker than indices, and most models have no other actuators
+        fed = slice(None) if len(self.fed) == self.model.nu else self.fed
         for field in SCALED:
-            world.vary(field)[:, self.fed] *= term[:, None, None]
+            world.vary(field)[:, fed] *= term[:, None, None]
 
     def companion(self, name, values):
         size, state = call(name, Weakening, ["np.abs(data.actuator_force[fed]).mean()"], self.numbers(values))
