@@ -44,6 +44,8 @@ class SETTINGS:
     likeliest: int = 8
     # how often the score test may take the best of all candidates for an effect where nothing is missing
     by_chance: float = 0.01
+    # of the score that a fit takes now: what simulations alone tell of is scored again where its last score was that
+    asked_again: float = 0.5
     # of the squared error above the noise floor, what shorter steps may leave by their score, to be asked first
     left_by_steps: float = 0.5
     as_much: float = (
@@ -112,6 +114,7 @@ class Attribution:
         self.models.candidates = self.candidates
         self.accepted: list[Accepted] = []
         self._told: set[str] = set()  # of an explained log, what simulations alone are sure of
+        self._promised: dict[str, float] = {}  # by its last score through the simulator, squared noise floors
         self.out_of_time = False
 
     def run(self, declared: Fit) -> Fit:
@@ -390,17 +393,37 @@ class Attribution:
         screening = self.models.screening(self._step)
         told = frozenset() if screening is None or screening.hits else screening.covered
         outside = [c for c in self._outside if (c.name in told) == covered]
-        if not outside:
+        if patient := not (self.accepted or rival):
+            asked = outside
+        else:
+            asked = [c for c in outside if not self._promised_little(c, current)]
+        if not asked:
             return None
         found = ForwardRound(
             self.models,
             current,
-            outside,
-            patient=not (self.accepted or rival),
+            asked,
+            patient=patient,
             rival=rival and rival[0].fit,
             on_step=self._step,
         )
+        _, at = thinned(self.models.fit_part, current)
+        for candidate in asked:
+            gain = candidate.score.gain if candidate.score else np.inf  # it diverged: nothing is known
+            self._promised[candidate.name] = gain * current.error**2 / at.data.count
         return found.choose()
+
+    def _promised_little(self, candidate: Candidate, current: Fit) -> bool:
+        """Whether its last score, beside fewer effects, was far below what a fit takes now: another effect more may
+        leave less to explain, and seldom leaves more for one that it has nothing to do with.
+        """
+        if candidate.name not in self._promised:
+            return False
+        takes = SETTINGS.asked_again * FORWARD_ROUND.promised * REJECTION.material * current.excess
+        if self._promised[candidate.name] >= takes:
+            return False
+        candidate.why_rejected = "its score beside fewer effects promised far less than a fit takes"
+        return True
 
     # --- backward ---
 
