@@ -17,6 +17,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.errors import OutOfTime
 from capture_cli.estimate.balance.dictionary import acts_unshown
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
+from capture_cli.estimate.balance.screening import SETTINGS as SCREENING
 from capture_cli.estimate.fit import Fit, thinned
 from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
@@ -192,7 +193,7 @@ class Attribution:
         screening = self.models.screening_about(current, self._step)
         additions, tried, uncovered = [], 0, self._outside
         if screening is not None:
-            most, tried = screening.settings.polished_for_best, len(screening.atoms)
+            most, tried = SCREENING.polished_for_best, len(screening.atoms)
             additions = screening.additions(current.effects, current.values, most)
             if additions and additions[0].is_sure(tried):
                 return True

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.similarity import similarity
 from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
 from capture_cli.model.effects._periodic_force import PeriodicForce
@@ -15,8 +16,8 @@ from capture_cli.model.effects.base import Effect
 from capture_cli.model.effects.placed import Placed
 
 
-@dataclass(frozen=True)
-class DictionarySettings:
+@frozen
+class SETTINGS:
     """shapes: values of one nonlinear parameter; shapes_of_several: of each where there are two, and of more one in the
     middle, for the fit moves them; most_shapes: with those between neighbours whose columns have a cosine below `near`.
     periods: of a force that repeats. step: of an amplitude's range, at which a column is taken; far_steps: of effects
@@ -42,9 +43,6 @@ class DictionarySettings:
     largest: float = 1e3
     linear: float = 0.05
     rounding: float = 1e-10
-
-
-SETTINGS = DictionarySettings()
 
 
 @dataclass(frozen=True)
@@ -121,9 +119,7 @@ class Mixture(Atom):
         return effect.mixture(self.shapes, coefficients * self.unit / effect.space.span[index])
 
 
-def atoms(
-    balance: ForceBalance, placed: Placed, settings: DictionarySettings = SETTINGS
-) -> Iterator[tuple[Atom, list[Accelerations]]]:
+def atoms(balance: ForceBalance, placed: Placed) -> Iterator[tuple[Atom, list[Accelerations]]]:
     """Atoms of an effect, each with what a unit of each amplitude does to the balance; none where nothing tells."""
     effect = placed.effect
     space = effect.space
@@ -133,22 +129,22 @@ def atoms(
     if effect.shows_at_rest or acts_unshown(balance, effect):
         return
     if isinstance(effect, PeriodicForce):
-        yield from _repeating(balance, placed, amplitudes, settings)
+        yield from _repeating(balance, placed, amplitudes)
         return
-    points, shares = _shapes(effect, settings), _shares(effect, settings)
-    found = _usable(balance, placed, points, amplitudes, shares, settings)
-    if _may_saturate(effect) and not _do_the_same(found, shares, settings):
-        between = (-settings.step, *settings.far_steps[:-1])
-        found += _usable(balance, placed, points, amplitudes, between, settings)
+    points, shares = _shapes(effect), _shares(effect)
+    found = _usable(balance, placed, points, amplitudes, shares)
+    if _may_saturate(effect) and not _do_the_same(found, shares):
+        between = (-SETTINGS.step, *SETTINGS.far_steps[:-1])
+        found += _usable(balance, placed, points, amplitudes, between)
         shares += between
     if not (effect.has_threshold or effect.mixes) and 1 <= len(effect.shapes) <= 2:
-        found += _resolved(balance, placed, found, amplitudes, shares, settings)
+        found += _resolved(balance, placed, found, amplitudes, shares)
     if effect.mixes and len(found) > 1:
         yield _mixture(found)
     at_steps = {(atom.values.tobytes(), atom.share): columns for atom, columns in found}
     for atom, columns in found:
         reverse = at_steps.get((atom.values.tobytes(), -atom.share))
-        if reverse and not _is_reverse(columns, reverse, settings.linear):
+        if reverse and not _is_reverse(columns, reverse, SETTINGS.linear):
             atom = replace(atom, one_way=True)
         elif reverse and atom.unit[0] < 0:
             continue
@@ -162,23 +158,22 @@ def _usable(
     points: np.ndarray,
     amplitudes: tuple[int, ...],
     shares: Sequence[float],
-    settings: DictionarySettings,
 ) -> list[tuple[Atom, list[Accelerations]]]:
     """Atoms of an effect at the shapes of these points (point, parameter), with steps of these `shares` of the
     amplitudes' ranges, that do something, and nothing absurd.
     """
     space, own = placed.effect.space, list(amplitudes)
     size = np.abs(balance.null.predicted).max()
-    largest, least = settings.largest * size, settings.rounding * size
+    largest, least = SETTINGS.largest * size, SETTINGS.rounding * size
     values, owners = [], []
     for point in points:
-        onset = _onset(balance, placed.effect, point, amplitudes, least, settings)
+        onset = _onset(balance, placed.effect, point, amplitudes, least)
         for share in shares:
             reach = onset + (1 - onset) * share
             units = np.array([_reach(space, point, i, s) for i, s in zip(amplitudes, reach, strict=True)])
             if ((point[own] + units < space.low[own]) | (point[own] + units > space.high[own])).any():
                 continue
-            known = settings.known * space.span[own] / np.abs(units)
+            known = SETTINGS.known * space.span[own] / np.abs(units)
             owners.append(Atom(placed, point, amplitudes, units, known, share=share))
             values += [
                 point + np.eye(len(point))[i] * unit for i, unit in zip(amplitudes, units, strict=True)
@@ -196,27 +191,24 @@ def _resolved(
     known: Sequence[tuple[Atom, list[Accelerations]]],
     amplitudes: tuple[int, ...],
     shares: Sequence[float],
-    settings: DictionarySettings,
 ) -> list[tuple[Atom, list[Accelerations]]]:
     """Atoms between the `known` shapes whose columns have little in common: what swings at 3 Hz for 3 s is not seen at
     4. At one step where the known columns are the same at all `shares` but for their size and sign.
     """
     count, found = len({atom.values.tobytes() for atom, _ in known}), []
-    alike = np.abs(_cosines(known, shares[0])) > settings.same_way
+    alike = np.abs(_cosines(known, shares[0])) > SETTINGS.same_way
     steps = shares[:1] if alike.all() else shares
-    while count < settings.most_shapes:
+    while count < SETTINGS.most_shapes:
         near = [own for own in (*known, *found) if own[0].share == shares[0]]
-        more = _between_neighbours(placed.effect, near, settings)[: settings.most_shapes - count]
+        more = _between_neighbours(placed.effect, near)[: SETTINGS.most_shapes - count]
         if not len(more):
             break
         count += len(more)
-        found += _usable(balance, placed, more, amplitudes, steps, settings)
+        found += _usable(balance, placed, more, amplitudes, steps)
     return found
 
 
-def _between_neighbours(
-    effect: Effect, found: Sequence[tuple[Atom, list[Accelerations]]], settings: DictionarySettings
-) -> np.ndarray:
+def _between_neighbours(effect: Effect, found: Sequence[tuple[Atom, list[Accelerations]]]) -> np.ndarray:
     """The middles (point, parameter) of neighbours along one shape whose columns have little in common, those that have
     least first.
     """
@@ -227,7 +219,7 @@ def _between_neighbours(
         line = np.delete(points, axis, axis=1)
         for a, b in pairwise(np.lexsort([points[:, axis], *line.T])):
             cosine = similarity(columns[a], columns[b])
-            if np.array_equal(line[a], line[b]) and cosine < settings.near:
+            if np.array_equal(line[a], line[b]) and cosine < SETTINGS.near:
                 ends = points[[a, b], axis]
                 middle = points[a].copy()
                 middle[axis] = np.sqrt(ends.prod()) if space.low[axis] > 0 else ends.mean()
@@ -261,14 +253,13 @@ def _onset(
     point: np.ndarray,
     amplitudes: Sequence[int],
     least: float,
-    settings: DictionarySettings,
 ) -> np.ndarray:
     """Of the range of each amplitude, (amplitude,), the part in which the effect does less than `least`, from its null
     at the `point` on: of a limit that little comes near, most of it.
     """
     found = np.zeros(len(amplitudes))
     for k, index in enumerate(amplitudes if effect.has_threshold else ()):
-        for halving in range(1, settings.halvings + 1):
+        for halving in range(1, SETTINGS.halvings + 1):
             share = found[k] + 0.5**halving
             moved = point.copy()
             moved[index] += _reach(effect.space, point, index, share)
@@ -278,15 +269,15 @@ def _onset(
     return found
 
 
-def _shares(effect: Effect, settings: DictionarySettings) -> tuple[float, ...]:
+def _shares(effect: Effect) -> tuple[float, ...]:
     """Steps of the amplitudes, in ranges, at which columns are taken."""
     if effect.has_threshold:
-        return settings.beyond_onset
+        return SETTINGS.beyond_onset
     if effect.place not in ("force", "control"):
-        return (settings.step,)
+        return (SETTINGS.step,)
     if _may_saturate(effect):
-        return (settings.step, settings.far_steps[-1])
-    return (settings.step, -settings.step)  # dry friction acts one way, and so do limits of a control
+        return (SETTINGS.step, SETTINGS.far_steps[-1])
+    return (SETTINGS.step, -SETTINGS.step)  # dry friction acts one way, and so do limits of a control
 
 
 def _may_saturate(effect: Effect) -> bool:
@@ -309,12 +300,10 @@ def _cosines(found: Sequence[tuple[Atom, list[Accelerations]]], share: float) ->
     )
 
 
-def _do_the_same(
-    found: Sequence[tuple[Atom, list[Accelerations]]], shares: Sequence[float], settings: DictionarySettings
-) -> bool:
+def _do_the_same(found: Sequence[tuple[Atom, list[Accelerations]]], shares: Sequence[float]) -> bool:
     """Whether each column at the first of these steps has one at each of the others that goes its way."""
     complete = len(found) == len(shares) * sum(atom.share == shares[0] for atom, _ in found)
-    return complete and bool((_cosines(found, shares[0]) > settings.same_way).all())
+    return complete and bool((_cosines(found, shares[0]) > SETTINGS.same_way).all())
 
 
 def _is_reverse(columns: Sequence[Accelerations], others: Sequence[Accelerations], tolerance: float) -> bool:
@@ -336,26 +325,26 @@ def _can_be_compared(columns: Sequence[Accelerations], largest: float, least: fl
     return bool(np.isfinite(sizes).all() and max(sizes) > least and max(sizes) <= largest)
 
 
-def _repeating(balance, placed, amplitudes, settings) -> Iterator[tuple[Atom, list[Accelerations]]]:
+def _repeating(balance, placed, amplitudes) -> Iterator[tuple[Atom, list[Accelerations]]]:
     effect: PeriodicForce = placed.effect
     along = balance.along(effect)
     span = float(np.ptp(along)) if effect.along == "qpos" else float(balance.points.elapsed.max())
-    points, others = effect.sweep(span, settings.periods), effect.apart(balance.points.step)
+    points, others = effect.sweep(span, SETTINGS.periods), effect.apart(balance.points.step)
     recordings = [~others.any(axis=0), *others]
     for point, waves in zip(points, balance.of_waves(effect, points), strict=True):
         unit = np.ones(len(amplitudes))
-        known = settings.known * effect.space.span[list(amplitudes)]
+        known = SETTINGS.known * effect.space.span[list(amplitudes)]
         yield (
             Atom(placed, point, amplitudes, unit, known, apart=len(others) * len(amplitudes)),
             [balance.of_joint_force(effect.dof, w * own) for own in recordings for w in waves],
         )
 
 
-def _shapes(effect: Effect, settings: DictionarySettings) -> np.ndarray:
+def _shapes(effect: Effect) -> np.ndarray:
     if len(effect.shapes) > 2:
         return np.concatenate([effect.shape_grid(1), effect.space.nominal[None]])
     few = len(effect.shapes) == 2 or effect.has_threshold
-    return effect.shape_grid(settings.shapes_of_several if few else settings.shapes)
+    return effect.shape_grid(SETTINGS.shapes_of_several if few else SETTINGS.shapes)
 
 
 def _reach(space, point: np.ndarray, index: int, share: float) -> float:

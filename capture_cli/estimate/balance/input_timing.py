@@ -16,14 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.regression import Sums, predicted, with_prior
 from capture_cli.estimate.balance.whitening import Whitening
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 
 
-@dataclass(frozen=True)
-class InputTimingSettings:
+@frozen
+class SETTINGS:
     """blocks: that are left out in turn. sure: standard errors over blocks by which one reading has to be better, and
     least: of predictive log likelihood; otherwise inputs stay as they were read. else_missing: of the variance of the
     sensors' noise in rows, how much more the model may be wrong by: beyond it something else is missing, which may look
@@ -47,9 +48,6 @@ class InputTimingSettings:
     finest: float = 0.02
 
 
-SETTINGS = InputTimingSettings()
-
-
 @dataclass(frozen=True)
 class InputTiming:
     """How one input acts, and the gain of that over being held in predictive log likelihood, or where it is held over
@@ -69,7 +67,6 @@ def input_timings(
     rows: Sequence[np.ndarray],
     names: Sequence[str],
     holds: Sequence[Hold | None],
-    settings: InputTimingSettings = SETTINGS,
 ) -> tuple[list[InputTiming], bool]:
     """How each input acts of which nobody says it, and whether that is all: what is missing may look like another
     timing, and one that is not surely better may still be right.
@@ -81,7 +78,7 @@ def input_timings(
     those that change evenly are asked for commands between rows, and for acting before their rows, together.
     """
     columns = [c * balance.smoothed.task.space.span for c in rows]
-    blocks = whitening.blocks(settings.blocks)
+    blocks = whitening.blocks(SETTINGS.blocks)
 
     def likelihood(read: Sequence[Hold]) -> np.ndarray:
         """(block,)"""
@@ -98,32 +95,30 @@ def input_timings(
         return [hold if k in those else own for k, own in enumerate(read)]
 
     known = likelihood(read)
-    if len(asked) > 1 and is_surely_better(known, other := likelihood(with_(EVENLY, asked)), settings):
+    if len(asked) > 1 and is_surely_better(known, other := likelihood(with_(EVENLY, asked))):
         read, known = with_(EVENLY, asked), other
     gains = {}
     for k in asked:
         turned = with_(EVENLY if read[k] == HELD else HELD, [k])
         other = likelihood(turned)
-        if is_surely_better(known, other, settings):
+        if is_surely_better(known, other):
             read, known, other = turned, other, known
         gains[k] = sum_and_error(known - other)
     evenly = [k for k in asked if read[k] == EVENLY]
     if evenly:
-        found = likeliest(lambda hold: (known, likelihood(with_(hold, evenly))), balance, settings)
+        found = likeliest(lambda hold: (known, likelihood(with_(hold, evenly))), balance)
         read = with_(found, evenly)
-    contradicted = any(gain < -settings.least for gain, _ in gains.values())
+    contradicted = any(gain < -SETTINGS.least for gain, _ in gains.values())
     likelihood(read)
     beyond = whitening.beyond_noise
     timings = [InputTiming(names[k], read[k], *gains[k], beyond) for k in asked]
-    return timings, beyond < settings.else_missing and not contradicted
+    return timings, beyond < SETTINGS.else_missing and not contradicted
 
 
 Likelihoods = tuple[np.ndarray, np.ndarray]  # (block,) each
 
 
-def likeliest(
-    asked: Callable[[Hold], Likelihoods], balance: ForceBalance, settings: InputTimingSettings = SETTINGS
-) -> Hold:
+def likeliest(asked: Callable[[Hold], Likelihoods], balance: ForceBalance) -> Hold:
     """How inputs act that change evenly, or almost.
 
     asked: gives the likelihoods of an even change, and of another hold. That an input acts before its row has to be
@@ -131,15 +126,15 @@ def likeliest(
     """
     row = _row(balance)
     gains = {EVENLY: 0.0}
-    for hold in changing_holds(balance, settings)[:-1]:
+    for hold in changing_holds(balance)[:-1]:
         evenly, other = asked(hold)
         gains[hold] = float((other - evenly).sum())
-    if is_surely_better(*asked(Hold(np.inf, -settings.early * row)), settings):
+    if is_surely_better(*asked(Hold(np.inf, -SETTINGS.early * row))):
         early = minimize_scalar(
             lambda late: float(np.subtract(*asked(Hold(np.inf, late))).sum()),
-            bounds=(-settings.earliest * row, 0.0),
+            bounds=(-SETTINGS.earliest * row, 0.0),
             method="bounded",
-            options={"xatol": settings.finest * row},
+            options={"xatol": SETTINGS.finest * row},
         )
         # held commands that act a row earlier are as late as that: within half a step the balance tells no difference
         step = balance.smoothed.task.timestep
@@ -148,13 +143,13 @@ def likeliest(
     return max(gains, key=gains.__getitem__)
 
 
-def changing_holds(balance: ForceBalance, settings: InputTimingSettings = SETTINGS) -> list[Hold]:
+def changing_holds(balance: ForceBalance) -> list[Hold]:
     """How inputs may act that change between rows: by two commands, three and so on, and evenly, which is next to most
     of them.
     """
     # more differ from an even change by less than a step of the model
     steps = int(np.ceil(_row(balance) / balance.smoothed.task.timestep - 1e-6))
-    return [*(Hold(float(n)) for n in range(2, min(settings.most + 1, steps))), EVENLY]
+    return [*(Hold(float(n)) for n in range(2, min(SETTINGS.most + 1, steps))), EVENLY]
 
 
 def _row(balance: ForceBalance) -> float:
@@ -163,10 +158,10 @@ def _row(balance: ForceBalance) -> float:
     return float(np.median(np.concatenate([np.diff(smoothed.log.time[p]) for p in smoothed.parts])))
 
 
-def is_surely_better(known: np.ndarray, other: np.ndarray, settings: InputTimingSettings = SETTINGS) -> bool:
+def is_surely_better(known: np.ndarray, other: np.ndarray) -> bool:
     """Whether the likelihoods (block,) of another reading are surely higher."""
     gain, error = sum_and_error(other - known)
-    return gain > max(settings.least, settings.sure * error)
+    return gain > max(SETTINGS.least, SETTINGS.sure * error)
 
 
 def sum_and_error(gains: np.ndarray) -> tuple[float, float]:

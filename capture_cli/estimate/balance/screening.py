@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from capture_cli.common.frozen import frozen
 from capture_cli.common.similarity import similarity
 from capture_cli.estimate.balance.dictionary import SETTINGS as DICTIONARY
 from capture_cli.estimate.balance.dictionary import Atom, Mixture, atoms
@@ -27,8 +28,8 @@ from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.placed import Placed
 
 
-@dataclass(frozen=True)
-class ScreeningSettings:
+@frozen
+class SETTINGS:
     """blocks: that are left out in turn. polished: of the best additions, whose nonlinear parameters are fitted in the
     balance; more are, so many times as many at most, until as many predict better than the next one's columns;
     polished_for_best: where one is asked for.
@@ -58,9 +59,6 @@ class ScreeningSettings:
     by_chance: float = 0.01
     sure: float = 3.0
     remembered: int = 200_000_000
-
-
-SETTINGS = ScreeningSettings()
 
 
 @dataclass(frozen=True)
@@ -112,11 +110,11 @@ class Addition:
     def placed(self) -> Placed:
         return self.model.effects[-1]
 
-    def is_sure(self, tried: int, settings: ScreeningSettings = SETTINGS) -> bool:
+    def is_sure(self, tried: int) -> bool:
         """Whether the gain of the best of so many `tried` is beyond chance. Under null a ratio of predictive
         likelihoods has mean 1, and is beyond K once in K times (Markov's inequality).
         """
-        return self.gain > max(np.log(tried / settings.by_chance), settings.sure * self.error)
+        return self.gain > max(np.log(tried / SETTINGS.by_chance), SETTINGS.sure * self.error)
 
 
 class Screening:
@@ -131,10 +129,9 @@ class Screening:
         whitening: Whitening,
         placed: Sequence[Placed],
         *,
-        settings: ScreeningSettings = SETTINGS,
         on_step: Callable[[str, int, int], None] = lambda *_: None,
     ):
-        self.settings, self.placed = settings, placed
+        self.placed = placed
         self.on_work: Callable[[], None] = lambda: None
         self.space, self.hits = balance.smoothed.task.space, balance.smoothed.hits
         self._set(balance, whitening)
@@ -182,7 +179,7 @@ class Screening:
 
     def _set(self, balance: ForceBalance, whitening: Whitening) -> None:
         self.balance, self.whitening = balance, whitening
-        self.block = whitening.blocks(self.settings.blocks)
+        self.block = whitening.blocks(SETTINGS.blocks)
         self.target = whitening.rows([balance.null])
         self.by_parameter = whitening.rows(by_parameter(balance))
         self._known: dict[tuple, object] = {}
@@ -200,7 +197,7 @@ class Screening:
         self, effects: Sequence[Placed], values: Sequence[np.ndarray], polished: int | None = None
     ) -> tuple[BalancedModel, list[Addition]]:
         """The model with `effects` alone, and as of `additions`."""
-        count = self.settings.polished if polished is None else polished
+        count = SETTINGS.polished if polished is None else polished
         begin = BalancedModel(tuple(effects), self.balance.point, tuple(values))
         return self.remembered(("additions", begin.key, count), lambda: self._additions(begin, count))
 
@@ -218,7 +215,7 @@ class Screening:
         rest = self._screened(model)
         tried = 0
         # the columns of a nonlinear effect may promise more than it keeps
-        while rest and tried < count * self.settings.most_polished:
+        while rest and tried < count * SETTINGS.most_polished:
             if sum(a.gain >= rest[0].gain for a in polished) >= count:
                 break
             addition, *rest = rest
@@ -266,7 +263,7 @@ class Screening:
             np.array([a.response for a in additions]),
             target - own @ _solved(own, target),
             np.array([len(a.placed.effect.parameters) for a in additions]),
-            self.settings.alike,
+            SETTINGS.alike,
             count,
         ):
             first, second = additions[one].model, additions[other].model
@@ -286,11 +283,11 @@ class Screening:
         return groups
 
     def _are_alike(self, one: Addition, other: Addition) -> bool:
-        return abs(similarity(one.response, other.response)) > self.settings.alike
+        return abs(similarity(one.response, other.response)) > SETTINGS.alike
 
     def best(self) -> BalancedModel:
         """The declared model, or that with the one effect that predicts most."""
-        declared, additions = self._fitted_and_additions((), (), self.settings.polished_for_best)
+        declared, additions = self._fitted_and_additions((), (), SETTINGS.polished_for_best)
         added = [a.model for a in additions if a.model.likelihood.size]
         return max([declared, *added], key=lambda m: m.likelihood.sum())
 
@@ -344,7 +341,7 @@ class Screening:
         rows = self.whitening.rows(self._changes(placed, points))
         found = [np.concatenate([r[..., :1], (r[..., 1:] - r[..., :1]) / steps], axis=-1) for r in rows]
         self._rows[key] = found
-        room = self.settings.remembered - sum(r.nbytes for own in self._rows.values() for r in own)
+        room = SETTINGS.remembered - sum(r.nbytes for own in self._rows.values() for r in own)
         while room < 0 and len(self._rows) > 1:
             room += sum(r.nbytes for r in self._rows.popitem(last=False)[1])
         return found
@@ -366,7 +363,7 @@ class Screening:
 
     def _differences(self, placed: Placed, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`values`, and with a step of each parameter, (1 + parameter, parameter); the steps, in ranges."""
-        space, share = placed.effect.space, self.settings.difference
+        space, share = placed.effect.space, SETTINGS.difference
         steps = np.where(values + share * space.span <= space.high, share, -share)
         return np.vstack([values, values + np.diag(steps * space.span)]), steps
 
@@ -406,7 +403,7 @@ class Screening:
         where an effect runs away.
         """
         target, columns = self._system(model)
-        if not all(np.abs(a).max(initial=0.0) < self.settings.ran_away for a in (*target, *columns)):
+        if not all(np.abs(a).max(initial=0.0) < SETTINGS.ran_away for a in (*target, *columns)):
             return replace(model, likelihood=np.full(int(self.block.max()) + 1, np.nan))
         slow = np.zeros_like(self.whitening.slow_noise) if model.slow_noise is None else model.slow_noise
         self.whitening.adapt(self._left(model, target, columns), slow)
@@ -423,7 +420,7 @@ class Screening:
     def _free(self, model: BalancedModel, target: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Which parameters are not held at an end of their range, (column,)."""
         low, high = self._bounds(model)
-        near = self.settings.at_end * (high - low)
+        near = SETTINGS.at_end * (high - low)
         at_low, at_high, free = (np.full(columns.shape[1], start) for start in (False, False, True))
         at_low[: len(low)], at_high[: len(low)] = model.start <= low + near, model.start >= high - near
         while True:
@@ -446,26 +443,28 @@ class Screening:
         """Gauss-Newton in the balance, within the bounds, over all parameters of the model and its effects."""
         if not model.effects:
             return model
-        own, (low, high) = self.settings, self._bounds(model)
-        best, least, far = model, np.inf, own.far
-        for _ in range(own.descents if any(e.effect.shapes for e in model.effects) else own.straight):
+        low, high = self._bounds(model)
+        best, least, far = model, np.inf, SETTINGS.far
+        for _ in range(
+            SETTINGS.descents if any(e.effect.shapes for e in model.effects) else SETTINGS.straight
+        ):
             self.on_work()
             target, columns = self._system(model)
             target, columns = self._white(target)[:, 0], self._white(columns)
             squares = np.inf  # of an effect that runs away
-            if np.isfinite(columns).all() and np.abs(target).max() < self.settings.ran_away:
+            if np.isfinite(columns).all() and np.abs(target).max() < SETTINGS.ran_away:
                 white, by_parameter = _without(columns[:, len(low) :], target, columns[:, : len(low)])
                 squares = float(white @ white)
             if np.isinf(squares) and np.isinf(least):
                 break
             if squares < least:
-                done = squares > least * (1 - own.shortest)
+                done = squares > least * (1 - SETTINGS.shortest)
                 best, least, slope, left = model, squares, by_parameter, white
                 if done:
                     break
             else:
                 far /= 4
-                if far < own.shortest:
+                if far < SETTINGS.shortest:
                     break
             model = self._moved(best, _step(slope, left, best.start, low, high, far))
         return best
@@ -485,7 +484,7 @@ class Screening:
             numbers = [
                 k for k, a in enumerate(self.atoms) if len(a.scale) == size and a.placed.name not in names
             ]
-            for some in np.array_split(numbers, -(-len(numbers) // self.settings.at_once)) if numbers else []:
+            for some in np.array_split(numbers, -(-len(numbers) // SETTINGS.at_once)) if numbers else []:
                 self.on_work()
                 which = (first[some][:, None] + np.arange(size)).ravel()
                 known = np.concatenate([self.atoms[n].scale for n in some])
@@ -525,19 +524,19 @@ class Screening:
 
 
 def declared_balance(
-    smoothed: SmoothedLog, point: np.ndarray, threads: int | None, settings: ScreeningSettings = SETTINGS
+    smoothed: SmoothedLog, point: np.ndarray, threads: int | None
 ) -> tuple[ForceBalance, Whitening]:
     """The balance, from `point` (parameter,), at the values of the declared parameters that fill it best."""
     space = smoothed.task.space
     balance = ForceBalance(smoothed, point, threads)
     whitening = Whitening(balance)
-    for _ in range(settings.descents):
+    for _ in range(SETTINGS.descents):
         white = np.concatenate(whitening.whitened(whitening.rows([balance.null, *by_parameter(balance)])))
-        step = _step(white[:, 1:] * space.span, white[:, 0], point, space.low, space.high, settings.far)
+        step = _step(white[:, 1:] * space.span, white[:, 0], point, space.low, space.high, SETTINGS.far)
         point = np.clip(point + step * space.span, space.low, space.high)
         balance = ForceBalance(smoothed, point, threads)
         whitening.balance = balance
-        if np.abs(step).max(initial=0.0) < settings.shortest:
+        if np.abs(step).max(initial=0.0) < SETTINGS.shortest:
             break
     return balance, whitening.at(balance)
 
