@@ -292,6 +292,21 @@ def test_effects_that_are_alike_alone_take_each_others_place_beside_another():
     assert {"control-lag@shoulder", "sensor-bias@q1"} in names
 
 
+def test_a_simpler_effect_is_fitted_that_does_nearly_the_same():
+    """Two lags one after the other beside one: by columns alone it seems to do far less."""
+    case = Case("planted", "pan_tilt", ("control-lag",), 10.0, 580590091, "no-window", episodes=6)
+    names = "control-lag", "control-second-order-lag", "control-delay", "gravity-magnitude"
+    screening = screening_of_case(case, *names)
+    best = screening.best()
+    assert [e.name for e in best.effects] == ["control-second-order-lag"]
+    simpler = {m.effects[0].name: m for m in screening.simpler(best)}
+    assert set(simpler) == {"control-lag", "control-delay"}
+    lag = simpler["control-lag"]
+    assert lag.likelihood.sum() > best.likelihood.sum() - 3
+    assert lag.values[0] == pytest.approx(0.006, rel=0.2)
+    assert screening.simpler(lag) == []
+
+
 def test_as_good_is_what_is_near_or_not_surely_worse():
     def model(*likelihood: float) -> BalancedModel:
         return BalancedModel((), np.zeros(0), (), np.array(likelihood))

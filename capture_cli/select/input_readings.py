@@ -66,6 +66,11 @@ class Reading:
         """The model without effects."""
         return replace(self.model, effects=(), values=())
 
+    def simpler(self) -> list[Reading]:
+        """With one effect of fewer parameters in the place of its own, which the balance does not tell from that."""
+        simpler = [replace(self, model=model) for model in self.screening.simpler(self.model)]
+        return [reading for reading in simpler if not self.is_surely_better_than(reading)]
+
     def is_surely_better_than(self, other: Reading) -> bool:
         return is_surely_better(other.model.likelihood, self.model.likelihood)
 
@@ -189,14 +194,24 @@ def _explaining(
 ) -> Reading | None:
     """The reading whose model, fitted by simulations, explains the log: then nothing else is missing. None where there
     is none. One that is surely better in the balance is asked alone; of two that explain the log inputs that change
-    have to be clearly better.
+    have to be clearly better. Simpler effects are asked, too: with a wrong one, that the balance cannot tell from it,
+    the right reading may do worse than the other.
     """
     sure = [a for a, b in ((held, changing), (changing, held)) if a.is_surely_better_than(b)]
-    found = _that_explain(sure or (held, changing), SETTINGS.asked_again, prepared_as, threads)
+    found = []
+    for reading in sure or (held, changing):
+        explaining = _that_explain([reading, *reading.simpler()], SETTINGS.asked_again, prepared_as, threads)
+        found += [_likeliest_fit(explaining)] if explaining else []
     if not found:
         return None
     (first, before), (last, after) = found[0], found[-1]
     return last if _sure_gain(before, after) > COMPARISON.clearly_better else first
+
+
+def _likeliest_fit(fits: Sequence[tuple[Reading, Fit]]) -> tuple[Reading, Fit]:
+    """By BIC."""
+    first = fits[0][1]
+    return max(fits, key=lambda pair: gain_by_bic(first, pair[1]))
 
 
 def _read(unread: Task, hold: Hold) -> Task:
@@ -249,8 +264,7 @@ def _nearest_fit(best: Reading, prepared_as: PreparedAs, threads: int | None) ->
         models = reading.model, reading.screening.fitted(reading.declared)
         fits = (_fit(reading, model, prepared, threads, Effort(escapes=False)) for model in models)
         found += [(reading, fit) for fit in fits if fit is not None]
-    first = found[0][1]
-    return max(found, key=lambda pair: gain_by_bic(first, pair[1]))[0]
+    return _likeliest_fit(found)[0]
 
 
 def _sure_gain(before: Fit, after: Fit) -> float:

@@ -291,6 +291,15 @@ class Screening:
         added = [a.model for a in additions if a.model.likelihood.size]
         return max([declared, *added], key=lambda m: m.likelihood.sum())
 
+    def simpler(self, model: BalancedModel) -> list[BalancedModel]:
+        """Of a model with one effect: those with another that has fewer parameters, and does nearly the same."""
+        additions = self._fitted_and_additions((), (), SETTINGS.polished_for_best)[1]
+        own = next((a for a in additions if (a.placed,) == model.effects), None)
+        if own is None:
+            return []
+        simpler = [a for a in additions if len(a.model.start) < len(model.start) and self._are_alike(own, a)]
+        return [self.fitted(a.model) for a in simpler]
+
     # --- the balance ---
 
     def _white(self, rows: Sequence[np.ndarray]) -> np.ndarray:
