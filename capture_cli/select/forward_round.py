@@ -96,7 +96,8 @@ class ForwardRound:
     rival: of effects that are not among them; a fit that stays far behind it is stopped early. on_step is told what is
     being tried, the number of it, and of how many.
 
-    ranked: candidates that their scores speak for, best first. supported: those that hold on what judges, and laws at
+    scored: the model with what it leaves of the windows that scores are taken on. ranked: candidates that their scores
+    speak for, best first. supported: those that hold on what judges, and laws at
     all of the places where they do, which may take little at each.
     """
 
@@ -117,6 +118,8 @@ class ForwardRound:
         self.tried = len(candidates)
         self.on_step = on_step
         Scores(models, current, on_step).score(candidates)
+        _, at = thinned(models.fit_part, current)
+        self.scored = replace(current, at=at)
         self.ranked = by_score(candidates)
         self._held: list[Candidate] = []  # on what judges, however little they take
         supported, self._unfitted = self._fitted(patient=patient)
@@ -142,8 +145,7 @@ class ForwardRound:
 
     def _promised(self, material: float) -> float:
         """The gain of a score that is a reason to fit where another effect is known: a share of what is `material`."""
-        _, at = thinned(self.models.fit_part, self.current)
-        return gain_of(SETTINGS.promised * material, replace(self.current, at=at))
+        return gain_of(SETTINGS.promised * material, self.scored)
 
     def _refit_all(self, candidates: Sequence[Candidate], material: float) -> list[Candidate]:
         """Fit the model with each of the candidates in it; those that are supported, and take `material`."""

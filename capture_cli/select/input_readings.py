@@ -198,10 +198,11 @@ def _explaining(
     the right reading may do worse than the other.
     """
     sure = [a for a, b in ((held, changing), (changing, held)) if a.is_surely_better_than(b)]
-    found = []
-    for reading in sure or (held, changing):
-        explaining = _that_explain([reading, *reading.simpler()], SETTINGS.asked_again, prepared_as, threads)
-        found += [_likeliest_fit(explaining)] if explaining else []
+    each = (
+        _that_explain([reading, *reading.simpler()], SETTINGS.asked_again, prepared_as, threads)
+        for reading in sure or (held, changing)
+    )
+    found = [_likeliest_fit(fits) for fits in each if fits]
     if not found:
         return None
     (first, before), (last, after) = found[0], found[-1]
@@ -242,7 +243,9 @@ def _that_explain(
     """
     most = float(np.sqrt(1 + beyond))
     effort = Effort(to_reach=most, needed=most, escapes=False)
-    fits = [(r, _fit(r, r.model, prepared_as(r.task), threads, effort)) for r in readings]
+    tasks = {r.hold: r.task for r in readings}
+    prepared = {hold: prepared_as(task) for hold, task in tasks.items()}
+    fits = [(r, _fit(r, r.model, prepared[r.hold], threads, effort)) for r in readings]
     return [(r, fit) for r, fit in fits if fit is not None and fit.error < most]
 
 

@@ -394,10 +394,8 @@ class Attribution:
         screening = self.models.screening(self._step)
         told = frozenset() if screening is None or screening.hits else screening.covered
         outside = [c for c in self._outside if (c.name in told) == covered]
-        if patient := not (self.accepted or rival):
-            asked = outside
-        else:
-            asked = [c for c in outside if not self._promised_little(c, current)]
+        patient = not (self.accepted or rival)
+        asked = outside if patient else self._asked_again(outside, current)
         if not asked:
             return None
         found = ForwardRound(
@@ -408,23 +406,21 @@ class Attribution:
             rival=rival and rival[0].fit,
             on_step=self._step,
         )
-        _, at = thinned(self.models.fit_part, current)
         for candidate in asked:
             gain = candidate.score.gain if candidate.score else np.inf  # it diverged: nothing is known
-            self._promised[candidate.name] = gain * current.error**2 / at.data.count
+            self._promised[candidate.name] = gain * current.error**2 / found.scored.at.data.count
         return found.choose()
 
-    def _promised_little(self, candidate: Candidate, current: Fit) -> bool:
-        """Whether its last score, beside fewer effects, was far below what a fit takes now: another effect more may
-        leave less to explain, and seldom leaves more for one that it has nothing to do with.
+    def _asked_again(self, candidates: Sequence[Candidate], current: Fit) -> list[Candidate]:
+        """Those of the candidates whose last score, beside fewer effects, was not far below what a fit takes now; of
+        the others it is said why they are out. One effect more may leave less to explain, and seldom leaves more for
+        another that it has nothing to do with.
         """
-        if candidate.name not in self._promised:
-            return False
         takes = SETTINGS.asked_again * FORWARD_ROUND.promised * REJECTION.material * current.excess
-        if self._promised[candidate.name] >= takes:
-            return False
-        candidate.why_rejected = "its score beside fewer effects promised far less than a fit takes"
-        return True
+        little = [c for c in candidates if self._promised.get(c.name, np.inf) < takes]
+        for candidate in little:
+            candidate.why_rejected = "its score beside fewer effects promised far less than a fit takes"
+        return [c for c in candidates if self._promised.get(c.name, np.inf) >= takes]
 
     # --- backward ---
 

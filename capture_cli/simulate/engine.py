@@ -252,7 +252,7 @@ def _step(
     # States are recorded after each step, sensors describe the state before it.
     for name, first in start.items():
         recorded[name] = np.concatenate([first[:, None], recorded[name][:, :-1]], axis=1)
-    bad |= _warned(runner)
+    bad |= _warnings(runner).any(axis=1)
     for values in recorded.values():
         for simulation in np.flatnonzero(bad):
             _hold(values[simulation])
@@ -270,7 +270,7 @@ def _step_with_forces(
     if REMEMBERED in names:
         recorded[REMEMBERED] = np.zeros((len(rows), controls.shape[1], remembered))
     reports = [force.report for force in forces if hasattr(force, "report")]
-    warned = runner.warning[:, :, 1]
+    warnings = _warnings(runner)
     bad, any_bad = np.zeros(len(rows), dtype=bool), False
     for number in range(controls.shape[1] * substeps):
         step, inside = divmod(number, substeps)
@@ -292,11 +292,11 @@ def _step_with_forces(
         try:
             runner.step()
         except batch.SimulationError as error:
-            bad[error.ids] = any_bad = True
+            bad[error.ids] = True
         world.stepped = True
-        if warned.any():
-            bad |= warned.any(axis=1)
-            any_bad = True
+        if warnings.any():
+            bad |= warnings.any(axis=1)
+        any_bad = bad.any()
         if inside:
             continue
         for name in names:
@@ -342,6 +342,6 @@ def _room(view: np.ndarray, steps: int) -> np.ndarray:
     return np.zeros((len(view), steps, *view.shape[1:]), dtype=view.dtype)
 
 
-def _warned(runner: batch.Batch) -> np.ndarray:
-    """Which simulations have raised any warning, (simulation,)."""
-    return runner.warning[:, :, 1].any(axis=1)
+def _warnings(runner: batch.Batch) -> np.ndarray:
+    """How often each simulation has raised each kind of warning so far, (simulation, kind): a live view."""
+    return runner.warning[:, :, 1]

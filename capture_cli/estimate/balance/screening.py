@@ -293,7 +293,7 @@ class Screening:
 
     def simpler(self, model: BalancedModel) -> list[BalancedModel]:
         """Of a model with one effect: those with another that has fewer parameters, and does nearly the same."""
-        additions = self._fitted_and_additions((), (), SETTINGS.polished_for_best)[1]
+        additions = self.additions((), (), SETTINGS.polished_for_best)
         own = next((a for a in additions if (a.placed,) == model.effects), None)
         if own is None:
             return []
@@ -454,9 +454,8 @@ class Screening:
             return model
         low, high = self._bounds(model)
         best, least, far = model, np.inf, SETTINGS.far
-        for _ in range(
-            SETTINGS.descents if any(e.effect.shapes for e in model.effects) else SETTINGS.straight
-        ):
+        nonlinear = any(e.effect.shapes for e in model.effects)
+        for _ in range(SETTINGS.descents if nonlinear else SETTINGS.straight):
             self.on_work()
             target, columns = self._system(model)
             target, columns = self._white(target)[:, 0], self._white(columns)
