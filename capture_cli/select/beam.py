@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from capture_cli.common.processes import in_processes
 from capture_cli.estimate.balance.screening import Addition, BalancedModel, Screening
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.effects.placed import Placed
@@ -105,10 +107,10 @@ def grown(
     growing = [g[0].model for g in groups]
     for size in range(2, most + 1):
         growing = growing[: settings.width]
-        more = [_more(screening, model, len(effects), settings) for model in growing]
+        more = _more(screening, growing, len(effects), settings)
         models = [m for found, _ in more for m in found]
         if size == 2:
-            models += [screening.fitted(m) for m in screening.pairs(effects, values, settings.pairs)]
+            models += screening.all_fitted(screening.pairs(effects, values, settings.pairs))
         models = _best(models)
         if not models:
             return
@@ -137,8 +139,8 @@ def _with_others(
             if other.effects[-1] not in model.effects:
                 effects, values = list(model.effects), list(model.values)
                 effects[k], values[k] = other.effects[-1], other.values[-1]
-                found.append(screening.fitted(replace(model, effects=tuple(effects), values=tuple(values))))
-    return found
+                found.append(replace(model, effects=tuple(effects), values=tuple(values)))
+    return screening.all_fitted(found)
 
 
 def _of_each_kind(groups: Sequence[Sequence[Addition]], count: int) -> list[Addition]:
@@ -156,15 +158,39 @@ def _simplest(group: Sequence[Addition]) -> Addition:
     return min(group, key=lambda a: len(a.placed.effect.parameters))
 
 
+# A model as names of its effects, and its numbers: what one process tells another
+_Told = tuple[tuple[str, ...], dict[str, Any]]
+
+
 def _more(
-    screening: Screening, model: BalancedModel, known: int, settings: BeamSettings
-) -> tuple[list[BalancedModel], dict[str, list[BalancedModel]]]:
-    """The model with one effect more, by the best that differ, and with the laws of those beyond the `known` at all of
+    screening: Screening, models: Sequence[BalancedModel], known: int, settings: BeamSettings
+) -> list[tuple[list[BalancedModel], dict[str, list[BalancedModel]]]]:
+    """Each model with one effect more, by the best that differ, and with the laws of those beyond the `known` at all of
     their other places; and of each of those effects the alike ones.
     """
-    return screening.remembered(
-        ("more", model.key, known, settings.branches), lambda: _made(screening, model, known, settings)
-    )
+    placed = {p.name: p for p in (*screening.placed, *(e for m in models for e in m.effects))}
+
+    def told(model: BalancedModel) -> tuple[list[_Told], dict[str, list[_Told]]]:
+        found, alike = _made(screening, model, known, settings)
+        return [_told(m) for m in found], {name: [_told(m) for m in own] for name, own in alike.items()}
+
+    def as_model(names: Sequence[str], numbers: dict[str, Any]) -> BalancedModel:
+        return BalancedModel(tuple(placed[name] for name in names), **numbers)
+
+    keys = [("more", m.key, known, settings.branches) for m in models]
+    new = [m for m, key in zip(models, keys, strict=True) if not screening.knows(key)]
+    made = in_processes(told, new, screening.balance.threads)
+
+    def taken() -> tuple[list[BalancedModel], dict[str, list[BalancedModel]]]:
+        found, alike = next(made)
+        others = {name: [as_model(*m) for m in own] for name, own in alike.items()}
+        return [as_model(*m) for m in found], others
+
+    return [screening.remembered(key, taken) for key in keys]
+
+
+def _told(model: BalancedModel) -> _Told:
+    return tuple(e.name for e in model.effects), model.numbers
 
 
 def _made(
@@ -184,7 +210,7 @@ def _made(
         if len(others) > 1:  # one alone is among the branches, if it is good
             found.append(_together(others, len(model.effects)))
     alike = {a.placed.name: [o.model for o in g if o is not a] for g in groups for a in g}
-    return [screening.fitted(m) for m in found], alike
+    return screening.all_fitted(found), alike
 
 
 def _together(models: Sequence[BalancedModel], known: int) -> BalancedModel:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.common.similarity import similarity
+from capture_cli.estimate.checkpoint import what_is_there
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.initial_states.local_motion import Neighbours, local_motion
 from capture_cli.estimate.log_windows import clock
@@ -68,6 +70,11 @@ class WORTH:
     absorbed: float = 0.005
 
 
+# of a candidate, and of its score, what a round says
+SCORED = ("start", "start_elsewhere", "start_doubted", "shapes_tried", "why_rejected")
+SCORE_FIELDS = tuple(f.name for f in fields(Score))
+
+
 @dataclass
 class Candidate:
     """An effect at a site, and what became of it in the last round that it was tried in.
@@ -90,6 +97,19 @@ class Candidate:
     @property
     def name(self) -> str:
         return self.placed.name
+
+
+def told(candidate: Candidate) -> dict[str, Any]:
+    """What its score says of it, by name; what is None is left out."""
+    return {**what_is_there(candidate, SCORED), **what_is_there(candidate.score, SCORE_FIELDS)}
+
+
+def take(candidate: Candidate, value: Callable[[str], Any]) -> None:
+    """Let its score say what was `told`, of which `value` gives what is called so, or None."""
+    for name in SCORED:
+        setattr(candidate, name, value(name))
+    candidate.fit = candidate.select = candidate.support = None
+    candidate.score = None if value("gain") is None else Score(*map(value, SCORE_FIELDS))
 
 
 def all_candidates(prepared: PreparedLog) -> list[Candidate]:

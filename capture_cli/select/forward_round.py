@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.processes import in_processes
 from capture_cli.common.similarity import similarity
 from capture_cli.estimate.fit import Fit, least, thinned
 from capture_cli.estimate.model_fits import Effort
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
-from capture_cli.select.candidates import Candidate, gain_of, score_at_null, worth_a_refit
+from capture_cli.select.candidates import Candidate, gain_of, score_at_null, take, told, worth_a_refit
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.narrow_peaks import NarrowPeaks
 from capture_cli.select.rejection import SETTINGS as REJECTION
@@ -55,11 +57,24 @@ class Scores:
     @kept_scores
     def score(self, candidates: Sequence[Candidate]) -> None:
         """Fill in the candidates' scores."""
+        fits = self.models.fits
         part, at = thinned(self.models.fit_part, self.current)
-        narrow = NarrowPeaks(self.models.fits, part, replace(self.current, at=at))
+        narrow = NarrowPeaks(fits, part, replace(self.current, at=at))
+        narrow.respond_to(c.placed.effect for c in candidates)
+        rollouts = fits.rollouts
+
+        def scored(candidate: Candidate) -> tuple[dict[str, Any], int]:
+            before = fits.rollouts
+            score_at_null(narrow, candidate)
+            return told(candidate), fits.rollouts - before
+
+        found = in_processes(scored, candidates, fits.engine.threads)
         for number, candidate in enumerate(candidates):
             self.on_step("score", number, len(candidates))
-            score_at_null(narrow, candidate)
+            values, own = next(found)
+            take(candidate, values.get)
+            rollouts += own
+        fits.rollouts = rollouts
 
 
 def _cost(candidate: Candidate) -> tuple[int, int]:

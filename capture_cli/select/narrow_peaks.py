@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +34,13 @@ class NarrowPeaks:
     def __init__(self, fits: ModelFits, part: PreparedLog, fit: Fit):
         self.fits, self.part, self.fit = fits, part, fit
         self._responses: dict[str, tuple[Pulses, PulseResponse]] = {}
+
+    def respond_to(self, effects: Iterable[Effect]) -> None:
+        """Simulate now what `points` of those of the effects that have narrow peaks will ask for."""
+        for effect in effects:
+            if effect.narrow_shape:
+                self._response(effect)
+                self._path(effect)
 
     def points(self, effect: PeriodicForce) -> tuple[np.ndarray, int]:
         """Points (point, parameter) with null amplitudes at the best values of the shape, and how many were judged."""

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from functools import wraps
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from capture_cli.estimate.checkpoint import Values, made_or_taken, what_is_there
-from capture_cli.select.candidates import Candidate
-from capture_cli.select.score import Score
+from capture_cli.estimate.checkpoint import Values, made_or_taken
+from capture_cli.select.candidates import Candidate, take, told
 
 if TYPE_CHECKING:
     from capture_cli.select.forward_round import Scores
-
-# of a candidate, and of its score, what a round says
-SCORED = ("start", "start_elsewhere", "start_doubted", "shapes_tried", "why_rejected")
-SCORE = tuple(f.name for f in fields(Score))
 
 
 def kept_scores(method: Callable[..., None]) -> Callable[..., None]:
@@ -26,8 +20,7 @@ def kept_scores(method: Callable[..., None]) -> Callable[..., None]:
     def score_all(found: Scores, candidates: Sequence[Candidate]) -> None:
         def make() -> Values:
             method(found, candidates)
-            every = ({**what_is_there(c, SCORED), **what_is_there(c.score, SCORE)} for c in candidates)
-            return {f"{k}.{name}": v for k, values in enumerate(every) for name, v in values.items()}
+            return {f"{k}.{name}": v for k, c in enumerate(candidates) for name, v in told(c).items()}
 
         fits, current = found.models.fits, found.current
         if fits.checkpoint is None:
@@ -35,13 +28,6 @@ def kept_scores(method: Callable[..., None]) -> Callable[..., None]:
             return
         values = made_or_taken(fits, "score", current.effects, [current, *(c.name for c in candidates)], make)
         for number, candidate in enumerate(candidates):
-            _take_score(candidate, lambda name, number=number: values.get(f"{number}.{name}"))
+            take(candidate, lambda name, number=number: values.get(f"{number}.{name}"))
 
     return score_all
-
-
-def _take_score(candidate: Candidate, value: Callable[[str], Any]) -> None:
-    for name in SCORED:
-        setattr(candidate, name, value(name))
-    candidate.fit = candidate.select = candidate.support = None
-    candidate.score = None if value("gain") is None else Score(*map(value, SCORE))

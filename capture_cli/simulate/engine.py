@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 from mujoco import _callbacks, batch
 
+from capture_cli.common.processes import own_threads
 from capture_cli.model.contacts import can_touch
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.mujoco_warnings import silence_mujoco
@@ -197,7 +198,7 @@ class Engine:
 
     def _prepare(self, rows: np.ndarray, initial: InitialStates, fields: ModelFields | None) -> batch.Batch:
         # A batch costs a millisecond and is made anew: values of an earlier call cannot leak into this one.
-        runner = batch.Batch(self.model, len(rows), min(self.threads, len(rows)))
+        runner = batch.Batch(self.model, len(rows), min(own_threads(self.threads), len(rows)))
         runner._data = self._shapes  # which it would make for itself
         if fields is not None and fields.values:
             for name, values in fields.values.items():

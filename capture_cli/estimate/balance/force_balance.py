@@ -27,6 +27,7 @@ from mujoco import batch
 from scipy.interpolate import CubicSpline
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.processes import own_threads
 from capture_cli.estimate.balance.actuation import NUMBERS, Actuation
 from capture_cli.estimate.balance.dry_friction import dry_friction
 from capture_cli.estimate.balance.motion import SmoothedLog
@@ -537,7 +538,7 @@ class ForceBalance:
 
     def _runner(self, model: mujoco.MjModel) -> batch.Batch:
         """A simulation at every point, none of which is stepped."""
-        runner = batch.Batch(model, len(self.points), self.threads)
+        runner = batch.Batch(model, len(self.points), 1)  # a copy of this process would wait for its threads
         runner.bind("time")[...] = self.points.time
         return runner
 
@@ -868,7 +869,7 @@ class ForceBalance:
         given = world.actuator_force  # as they gave it under the force of the step before
         acts, loss = (np.zeros((index.shape[1], len(index), nv)) for _ in range(2))
         otherwise: dict[int, np.ndarray] = {}  # accelerations of steps in which inertias are others
-        runner = cache(lambda: batch.Batch(self._model, len(index), self.threads))
+        runner = cache(lambda: batch.Batch(self._model, len(index), own_threads(self.threads)))
         for k, here in enumerate(index.T):
             world.go_to(k)
             world.actuator_force = given

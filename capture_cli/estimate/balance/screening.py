@@ -7,15 +7,18 @@ balance; nothing is simulated. What comes out is a ranking, with the values that
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.processes import in_processes
 from capture_cli.common.similarity import similarity
 from capture_cli.estimate.balance.dictionary import SETTINGS as DICTIONARY
 from capture_cli.estimate.balance.dictionary import Atom, Mixture, atoms
@@ -87,10 +90,19 @@ class BalancedModel:
         """Its effects and values."""
         return tuple(e.name for e in self.effects), np.asarray(self.start).tobytes()
 
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """All of it but the effects, by name."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "effects"}
+
     def gain(self, other: BalancedModel) -> tuple[float, float]:
         """Of predictive log likelihood over another model, and its standard error over blocks."""
         gains = self.likelihood - other.likelihood
         return float(gains.sum()), float(gains.std(ddof=1) * np.sqrt(len(gains)))
+
+
+def _with_numbers(models: Sequence[BalancedModel], numbers: Sequence[dict[str, Any]]) -> list[BalancedModel]:
+    return [replace(m, **own) for m, own in zip(models, numbers, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -109,6 +121,11 @@ class Addition:
     @property
     def placed(self) -> Placed:
         return self.model.effects[-1]
+
+    @property
+    def models(self) -> list[BalancedModel]:
+        """With the effect at each of its values."""
+        return [m for m in (self.model, self.elsewhere) if m is not None]
 
     def is_sure(self, tried: int) -> bool:
         """Whether the gain of the best of so many `tried` is beyond chance. Under null a ratio of predictive
@@ -201,9 +218,13 @@ class Screening:
         begin = BalancedModel(tuple(effects), self.balance.point, tuple(values))
         return self.remembered(("additions", begin.key, count), lambda: self._additions(begin, count))
 
+    def knows(self, key: tuple) -> bool:
+        """Whether something was made under this key."""
+        return key in self._known
+
     def remembered(self, key: tuple, make: Callable):
         """What was made under this key, or what `make` makes."""
-        if key not in self._known:
+        if not self.knows(key):
             self._known[key] = make()
         return self._known[key]
 
@@ -213,23 +234,28 @@ class Screening:
         model = self._judged(self._with_slow_noise(model))
         polished: list[Addition] = []
         rest = self._screened(model)
-        tried = 0
-        # the columns of a nonlinear effect may promise more than it keeps
-        while rest and tried < count * SETTINGS.most_polished:
-            if sum(a.gain >= rest[0].gain for a in polished) >= count:
-                break
-            addition, *rest = rest
-            tried += 1
-            begun = self.remembered(
-                ("polished", begin.key, addition.placed.name),
-                lambda a=addition: [self.fitted(m) for m in (a.model, a.elsewhere) if m is not None],
-            )
-            gains = [m.gain(model) for m in begun]
-            best = int(np.argmax([g if np.isfinite(g) else -np.inf for g, _ in gains]))
-            more, (gain, error) = begun[best], gains[best]
-            if np.isfinite(gain):
-                polished.append(replace(addition, model=more, gain=gain, error=error))
+        asked = rest[: count * SETTINGS.most_polished]
+        with closing(self._polished(begin, asked)) as each:
+            # the columns of a nonlinear effect may promise more than it keeps
+            while len(rest) and sum(a.gain >= rest[0].gain for a in polished) < count:
+                if (begun := next(each, None)) is None:
+                    break
+                addition, *rest = rest
+                gains = [m.gain(model) for m in begun]
+                best = int(np.argmax([g if np.isfinite(g) else -np.inf for g, _ in gains]))
+                more, (gain, error) = begun[best], gains[best]
+                if np.isfinite(gain):
+                    polished.append(replace(addition, model=more, gain=gain, error=error))
         return model, sorted(polished, key=lambda a: -a.gain) + rest
+
+    def _polished(self, begin: BalancedModel, asked: Sequence[Addition]) -> Iterator[list[BalancedModel]]:
+        """The models of each addition to `begin`, fitted when they are asked for."""
+        keys = [("polished", begin.key, a.placed.name) for a in asked]
+        new = [a for a, key in zip(asked, keys, strict=True) if not self.knows(key)]
+        fitted = in_processes(lambda a: [self.fitted(m).numbers for m in a.models], new, self.balance.threads)
+        with closing(fitted):
+            for addition, key in zip(asked, keys, strict=True):
+                yield self.remembered(key, lambda a=addition: _with_numbers(a.models, next(fitted)))
 
     def screened(self, model: BalancedModel) -> list[Addition]:
         """Of each effect that is not in the model, best first, from columns alone: none is polished."""
@@ -238,8 +264,14 @@ class Screening:
 
     def fitted(self, model: BalancedModel) -> BalancedModel:
         """The model with all of its parameters fitted in the balance, and how it predicts blocks."""
+        self.whitening.reset()  # what was asked before is not to matter
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            return self._judged(self._fitted(model))
+            return self._judged(self._fitted(self._judged(model)))
+
+    def all_fitted(self, models: Sequence[BalancedModel]) -> list[BalancedModel]:
+        """As `fitted`, each of them."""
+        numbers = in_processes(lambda m: self.fitted(m).numbers, models, self.balance.threads)
+        return _with_numbers(models, list(numbers))
 
     def judged(self, model: BalancedModel) -> BalancedModel:
         """The model, and how it predicts blocks: its parameters are fitted to first order, about its values."""
@@ -312,15 +344,22 @@ class Screening:
     def _dictionary(self, placed: Sequence[Placed], on_step: Callable) -> list[np.ndarray]:
         """Rows (row, nv, column) of each stretch of the atoms, in single precision: there may be thousands, or none."""
         rows = [[t[..., :0].astype(np.float32) for t in self.target]]
+        found = in_processes(self._atoms, placed, self.balance.threads)
         for number, one in enumerate(placed):
             on_step("balance", number, len(placed))
-            with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what runs away is left out
-                own = list(atoms(self.balance, one))
+            own, columns = next(found)
             if own:
-                self.atoms += [atom for atom, _ in own]
-                columns = [c for _, columns in own for c in columns]
-                rows.append([r.astype(np.float32) for r in self.whitening.rows(columns)])
+                self.atoms += [replace(atom, placed=one) for atom in own]
+                rows.append(columns)
         return [np.concatenate([r[n] for r in rows], axis=-1) for n in range(len(self.whitening.averages))]
+
+    def _atoms(self, placed: Placed) -> tuple[list[Atom], list[np.ndarray]]:
+        """Its atoms, without the effect, and their rows (row, nv, column) of each stretch, in single precision."""
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what runs away is left out
+            own = list(atoms(self.balance, placed))
+        columns = [c for _, columns in own for c in columns]
+        rows = [r.astype(np.float32) for r in self.whitening.rows(columns)] if own else []
+        return [replace(atom, placed=None) for atom, _ in own], rows
 
     # --- one model ---
 
