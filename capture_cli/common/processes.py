@@ -9,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
+from types import CodeType
 from typing import Any, TypeVar
 
 from capture_cli.common.frozen import frozen
@@ -27,6 +28,7 @@ class SETTINGS:
 # What a copy works on: it has them from this process, and is told no more than the number of an item
 _work: tuple[Callable[[Any], Any], Sequence[Any]] | None = None
 _is_copy = False
+_lasted: dict[CodeType, float] = {}  # s, what an item took a function the last time
 
 
 def own_threads(threads: int | None) -> int:
@@ -42,20 +44,18 @@ def in_processes(
     """function(item) of each item, in their order: the same values in any number of processes.
 
     function: changes nothing that is asked for later, as what a copy changes is lost. threads: how many processes at a
-    time; all cores where None or 0. The first item is always worked on here: what it caches all copies have, and its
-    time says whether they are worth making. Whoever asks for no more items ends what is worked on ahead.
+    time; all cores where None or 0. Copies are made where an item took it long enough the last time; the first time of
+    all, the first item says it. Whoever asks for no more items ends what is worked on ahead.
     """
-    if not items:
-        return
-    began = time.monotonic()
-    found = function(items[0])
-    left = (time.monotonic() - began) * (len(items) - 1)
-    yield found
-    count = min(own_threads(threads), len(items) - 1)
-    if count < 2 or left < SETTINGS.worth or sys.platform != "linux":
-        yield from map(function, items[1:])
-    else:
-        yield from _in_copies(function, items[1:], count)
+    number, count = 0, own_threads(threads) if sys.platform == "linux" else 1
+    while number < len(items):
+        left = len(items) - number
+        lasted = _lasted.get(function.__code__, 0.0)
+        if min(count, left) > 1 and lasted * left > SETTINGS.worth:
+            yield from _in_copies(function, items[number:], min(count, left))
+            return
+        yield _timed(function, items[number])
+        number += 1
 
 
 def _in_copies(function: Callable[[Item], Made], items: Sequence[Item], count: int) -> Iterator[Made]:
@@ -70,7 +70,7 @@ def _in_copies(function: Callable[[Item], Made], items: Sequence[Item], count: i
         numbers = iter(range(len(items)))
         asked = deque(pool.submit(_of_item, n) for n in islice(numbers, SETTINGS.ahead * count))
         while asked:
-            found = asked.popleft().result()
+            found, _lasted[function.__code__] = asked.popleft().result()
             asked.extend(pool.submit(_of_item, n) for n in islice(numbers, 1))
             done += 1
             yield found
@@ -79,6 +79,13 @@ def _in_copies(function: Callable[[Item], Made], items: Sequence[Item], count: i
     finally:
         pool.shutdown(cancel_futures=True)
         _work = None
+
+
+def _timed(function: Callable[[Item], Made], item: Item) -> Made:
+    began = time.monotonic()
+    found = function(item)
+    _lasted[function.__code__] = time.monotonic() - began
+    return found
 
 
 def _begin(parent: int) -> None:
@@ -92,7 +99,7 @@ def _begin(parent: int) -> None:
 
 def _of_item(number: int) -> Any:
     function, items = _work
-    return function(items[number])
+    return _timed(function, items[number]), _lasted[function.__code__]
 
 
 def _cores() -> int:
