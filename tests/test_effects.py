@@ -1110,7 +1110,9 @@ def in_log(name: str, where: str, site: str, reported: np.ndarray) -> Effect:
     effect = effects.REGISTRY.get(name)(machine(where), site)
     values = np.full((len(reported), machine(where).nsensordata), np.nan)
     values[:, effect.columns] = reported[:, None]
-    reports = Reports(0.01 * np.arange(len(reported)), values, [slice(0, len(reported))])
+    reports = Reports(
+        0.01 * np.arange(len(reported)), values, [slice(0, len(reported))], np.zeros(values.shape[1])
+    )
     effect.look_in(SeenLog(window=1.0, longest=20.0, logged=effect.reported, seen={}, reports=reports))
     return effect
 

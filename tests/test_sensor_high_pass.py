@@ -97,6 +97,7 @@ def logged() -> tuple[SensorHighPass, np.ndarray, np.ndarray]:
         TIMESTEP * np.tile(np.arange(STEPS), 2),
         reported.reshape(2 * STEPS, -1).copy(),
         [slice(0, STEPS), slice(STEPS, 2 * STEPS)],
+        np.zeros(model.nsensordata),
     )
     effect.look_in(
         SeenLog(
@@ -143,7 +144,9 @@ def test_at_null_it_changes_nothing_whatever_it_held():
 def test_what_was_not_measured_is_straight_and_what_never_was_is_none():
     time = np.array([0.0, 0.1, 0.4, 0.5, 0.0, 1.0])
     values = np.stack([[1.0, np.nan, 5.0, 5.0, np.nan, np.nan], np.full(6, np.nan)], axis=1)
-    found = integrated(Reports(time, values, [slice(0, 4), slice(4, 6)]), slice(0, 2))
+    found = integrated(
+        Reports(time, values, [slice(0, 4), slice(4, 6)], np.zeros(values.shape[1])), slice(0, 2)
+    )
     np.testing.assert_allclose(found[:, 0], [0.0, 0.15, 1.2, 1.7, 0.0, 0.0])
     assert not found[:, 1].any()
 

@@ -201,9 +201,10 @@ def _recordings(prepared: PreparedLog) -> Recordings:
 def _reports(prepared: PreparedLog) -> Reports:
     """What outputs of the log say, as columns of sensordata."""
     log = prepared.log
-    values = np.full((len(log.time), prepared.task.model.nsensordata), np.nan)
-    values[:, [c.index for c in prepared.task.outputs]] = np.where(log.sampled, log.outputs, np.nan)
-    return Reports(log.time, values, stretches(log.time, log.sampled, log.episodes))
+    own, count = [c.index for c in prepared.task.outputs], prepared.task.model.nsensordata
+    values, noise = np.full((len(log.time), count), np.nan), np.zeros(count)
+    values[:, own], noise[own] = np.where(log.sampled, log.outputs, np.nan), prepared.noise.sd
+    return Reports(log.time, values, stretches(log.time, log.sampled, log.episodes), noise)
 
 
 def _as_driven(prepared: PreparedLog) -> mujoco.MjModel:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.similarity import similarity
 from capture_cli.errors import OutOfTime
 from capture_cli.estimate.balance.dictionary import acts_unshown
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
@@ -490,7 +491,7 @@ class Attribution:
         if mine is None:
             return
         known = {r.name for r in accepted.rivals} | self.models.explaining_with(inside)
-        new = [c for c in ranked if c.score.gain > SETTINGS.as_much * mine.score.gain and c.name not in known]
+        new = [c for c in ranked if c.name not in known and _may_rival(mine.score, c.score)]
         new, _ = worth_a_refit([c for c in new if c is not mine])
         accepted.score = mine.score
         accepted.rivals = [*(c for c in ranked if c.name in known), *new[: FORWARD_ROUND.rivals]]
@@ -544,13 +545,11 @@ class Attribution:
         without = self.models.without(current, accepted.name)
         if without is None:
             return None
-        rest = without.effects
-        fit = self.models.fit(
-            [*rest, rival.placed],
-            np.concatenate([without.point, rival.start]),
-            without,
-            Effort(rival=current),
-        )
+        rest, begins = without.effects, [without.point]
+        if self.models.is_explained(current):  # alone the rest may have stood in for what the rival explains
+            begins.append(np.delete(current.point, current.columns(accepted.name)))
+        start, *elsewhere = (np.concatenate([point, rival.start]) for point in begins)
+        fit = self.models.fit([*rest, rival.placed], start, without, Effort(rival=current), elsewhere)
         if fit is None:
             return None
         found = self._with_fit(rival, without, fit)
@@ -571,6 +570,14 @@ class Attribution:
         again = self.models.better_from(other.fit, best.fit)
         without = again and self.models.without(again, other.name)
         return self._with_fit(other, without, again) if without else other
+
+
+def _may_rival(mine: Score, other: Score) -> bool:
+    """Whether the effect of the `other` score may be what is there in the place of mine: it has as much of what is left
+    to say, or does nearly the same.
+    """
+    as_much = other.gain > SETTINGS.as_much * mine.gain
+    return as_much or abs(similarity(mine.response, other.response)) > FORWARD_ROUND.similar
 
 
 def _is_shorter_step(placed: Placed) -> bool:

@@ -20,8 +20,22 @@ class SensorFilter(TimeEffect):
     states_mean = (
         "`ahead K`: what is reported of its number K, in the sensor's unit, over what it would be had motion before "
         "been even; `rising K`, of second order: the same of its slope times `time_constant`. At 1 what that number "
-        "commonly changes within `time_constant`"
+        "changes within `time_constant` where the log shows it fastest"
     )
+    _speeds: np.ndarray | None = None
+
+    def look_in(self, log):
+        super().look_in(log)
+        if log.reports is not None:
+            columns = np.arange(self.model.nsensordata)[self.columns]
+            self._speeds = np.array([log.reports.fastest(k) for k in columns])
+
+    @property
+    def speeds(self) -> np.ndarray:
+        """How fast each of its numbers commonly is, per s, (column,): of what no log shows, its size in a second."""
+        if self._speeds is None:
+            return self.sizes
+        return np.where(self._speeds > 0, self._speeds, self.sizes)
 
     @property
     def states(self):
@@ -30,6 +44,5 @@ class SensorFilter(TimeEffect):
     def measure(self, sensors, values, timestep, *, states=None, **_):
         states = np.zeros(len(self.states)) if states is None else states
         count = len(self.begins_with)
-        # within that time a signal may go as far as it commonly does in a second
-        begun = np.split(values[:, :1] * np.tile(self.sizes, count) * states, count, axis=-1)
+        begun = np.split(values[:, :1] * np.tile(self.speeds, count) * states, count, axis=-1)
         return self.measured(sensors, values, timestep, **dict(zip(self.begins_with, begun, strict=True)))

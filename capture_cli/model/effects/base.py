@@ -24,6 +24,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.errors import ModelError, did_you_mean
+from capture_cli.log.fastest import fastest
 from capture_cli.model.effects._kernel import Companion
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.parameters import Parameter, ParameterSpace
@@ -106,12 +107,17 @@ class Driven:
 class Reports:
     """What a log has of sensors: time (step,), s; values (step, column of sensordata), nan where there is none.
 
-    stretches: as of JointMotion.
+    stretches: as of JointMotion; noise (column,): of the values, standard deviation.
     """
 
     time: np.ndarray
     values: np.ndarray
     stretches: Sequence[slice]
+    noise: np.ndarray
+
+    def fastest(self, column: int) -> float:
+        """The largest speed of a column, per s; 0 where there is none."""
+        return fastest(self.values[:, column], self.time, self.stretches, self.noise[column])
 
 
 @dataclass(frozen=True)
