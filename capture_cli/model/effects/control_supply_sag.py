@@ -16,7 +16,7 @@ from capture_cli.model.parameters import Parameter
 
 @frozen
 class SETTINGS:
-    largest: float = 0.6  # of a control, where all are the largest that they commonly are
+    largest: float = 1.0  # of a control, where all are the largest that they commonly are: nothing arrives
     forgotten: float = 8.0  # time constants, after which 3e-4 of a load is left in the voltage
 
 

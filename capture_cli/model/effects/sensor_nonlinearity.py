@@ -21,7 +21,7 @@ class SensorNonlinearity(NumberEffect):
     itself.
 
     A potentiometer with a load on its wiper, a load cell, a Hall sensor beyond the middle of its range. Ranges are of
-    sensors that err by no more than a tenth of the largest number that the log has. Lengths are not among its sites:
+    sensors whose reading grows up to the largest number that the log has. Lengths are not among its sites:
     what moves along a line, and once, can do so as any force has it if the line may be bent.
     """
 
@@ -45,8 +45,8 @@ class SensorNonlinearity(NumberEffect):
         largest, unit = self._largest or self.quantity.size, self.quantity.unit
         unit = f"({unit})" if set(unit) & set(" /^") else unit
         units = ("1", "1") if unit == "1" else (f"1/{unit}", f"1/{unit}^2")
-        # of the largest number, that each power adds there: the reading still grows, by half as much at least
-        share = 0.1
+        # of the largest number, that each power adds there: with more, of both, the reading would turn back before it
+        share = 0.2
         most = share / largest, share / largest**2
         return tuple(
             Parameter(name, per, -end, end, 0.0)
