@@ -1117,6 +1117,22 @@ def in_log(name: str, where: str, site: str, reported: np.ndarray) -> Effect:
     return effect
 
 
+def test_what_a_filter_held_is_as_large_as_the_log_shows_its_sensor_to_move():
+    """Its states are known beforehand by that: a sensor that is faster than its size in a second holds more."""
+    reported = np.cumsum(np.full(300, 0.5))  # 50 per s
+    fast = in_log("sensor-second-order-low-pass", "cart_pole", "cart", reported)
+    model_alone = effects.REGISTRY.get("sensor-second-order-low-pass")(machine("cart_pole"), "cart")
+    values, still = np.array([[0.02, 0.7]]), np.zeros((1, 4, machine("cart_pole").nsensordata))
+
+    def begun(effect):
+        shown = effect.measure(still, values, 0.002, states=np.array([[1.0, 0.0]]))
+        return shown[0, 0, effect.columns].item()
+
+    assert begun(fast) == pytest.approx(0.02 * 50)
+    assert begun(model_alone) == pytest.approx(0.02 * model_alone.quantity.size)
+
+
+
 def test_a_gyroscope_beyond_its_range_reports_the_limit():
     effect = effects.REGISTRY.get("sensor-saturation")(machine("arm"), "gyro")
     sensors = np.random.default_rng(0).normal(size=(1, 9, machine("arm").nsensordata))

@@ -11,9 +11,11 @@ from balances import Made
 from coloured_noise import coloured
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from setting_numbers import set_numbers
 
 from benchmarks._planted_logs.cases import PLANTED, Case
 from benchmarks._planted_logs.dresses import CUTOFF, DRESSES, FILTERED
+from capture_cli.common import processes
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
@@ -76,16 +78,28 @@ def test_behind_a_loggers_filter_samples_are_taken_that_have_noise_of_their_own(
     assert 2 * damping_ratio * time_constant == pytest.approx(late, rel=0.1)
 
 
-def test_threads_change_no_bit():
+def test_threads_change_no_bit(monkeypatch):
+    set_numbers(monkeypatch, processes, worth=0.0)  # copies of this process work on all that they can
     own = Made.of("cart_pole", ("control-lag", "drive", 0.3), episodes=2)
     few = [
         p for p in own.placed if p.kind in ("control-lag", "control-delay", "coulomb-friction", "backlash")
     ]
-    one, two = (own.screening(few, threads).additions((), ()) for threads in (1, 2))
+
+    def asked(threads):
+        screening = own.screening(few, threads)
+        levels = [m for level in grown(screening, (), (), 2) for m in (*level.as_good, *level.others)]
+        return screening.additions((), ()), levels
+
+    (one, levels), (two, others) = asked(1), asked(3)
     for a, b in zip(one, two, strict=True):
         assert (a.placed, a.gain, a.error) == (b.placed, b.gain, b.error)
         np.testing.assert_array_equal(a.model.start, b.model.start)
         np.testing.assert_array_equal(a.response, b.response)
+    assert len(levels) > len(few)
+    for a, b in zip(levels, others, strict=True):
+        assert a.effects == b.effects
+        np.testing.assert_array_equal(a.start, b.start)
+        np.testing.assert_array_equal(a.likelihood, b.likelihood)
 
 
 def test_what_was_asked_before_changes_nothing():
@@ -96,6 +110,10 @@ def test_what_was_asked_before_changes_nothing():
     list(grown(asked, (few[0],), (few[0].effect.space.nominal,), 2))
     for a, b in zip(asked.additions((), ()), fresh.additions((), ()), strict=True):
         assert (a.placed, a.gain, a.error) == (b.placed, b.gain, b.error)
+    one, other = (a.model for a in fresh.additions((), ())[:2])
+    fresh.whitening.reset()
+    first, _, again = (fresh.fitted(m) for m in (one, other, one))
+    np.testing.assert_array_equal(first.start, again.start)
 
 
 def test_a_log_in_which_no_effect_moves_anything_has_no_additions():

@@ -20,7 +20,7 @@ class SensorFilter(TimeEffect):
     states_mean = (
         "`ahead K`: what is reported of its number K, in the sensor's unit, over what it would be had motion before "
         "been even; `rising K`, of second order: the same of its slope times `time_constant`. At 1 what that number "
-        "changes within `time_constant` where the log shows it fastest"
+        "changes within `time_constant` at its fastest"
     )
     _speeds: np.ndarray | None = None
 
