@@ -1132,7 +1132,6 @@ def test_what_a_filter_held_is_as_large_as_the_log_shows_its_sensor_to_move():
     assert begun(model_alone) == pytest.approx(0.02 * model_alone.quantity.size)
 
 
-
 def test_a_gyroscope_beyond_its_range_reports_the_limit():
     effect = effects.REGISTRY.get("sensor-saturation")(machine("arm"), "gyro")
     sensors = np.random.default_rng(0).normal(size=(1, 9, machine("arm").nsensordata))

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,8 +13,8 @@ from matplotlib.patches import Patch
 from matplotlib.text import Text
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.processes import in_processes
 from capture_cli.common.quantities import titled
-from capture_cli.common.signals import end_with_parent
 from capture_cli.report.curve_plots import SHADES, Record, has_gaps, output_scale, residual_scale, windows_of
 from capture_cli.report.curves import Curves, thin
 
@@ -62,31 +59,19 @@ Drawing = Callable[[], Figure]
 
 
 def save(drawings: Mapping[str, Drawing], folder: Path) -> list[Path]:
-    """Write NAME.png of every drawing; returns the paths. In two processes, where the system copies them cheaply."""
+    """Write NAME.png of every drawing; returns the paths."""
     paths = [Path(folder) / f"{name}.png" for name in drawings]
-    jobs = list(zip(paths, drawings.values(), strict=True))
-    if len(jobs) < 2 or sys.platform != "linux":
-        _draw(jobs)
-        return paths
-    own = os.getpid()
-    child = os.fork()
-    if not child:
-        _draw_and_exit(jobs[1::2], own)
-    try:
-        _draw(jobs[::2])
-    finally:
-        _, status = os.waitpid(child, 0)
-    if status:
-        _draw(jobs[1::2])  # whatever is wrong is raised here
+    for _ in in_processes(_draw, list(zip(paths, drawings.values(), strict=True)), None):
+        pass
     return paths
 
 
-def _draw(jobs: Sequence[tuple[Path, Drawing]]) -> None:
-    for path, drawing in jobs:
-        figure = drawing()
-        _without_formulas(figure)
-        # savefig lays out and draws everything twice
-        figure.canvas.print_png(path, pil_kwargs={"compress_level": SETTINGS.compression})
+def _draw(job: tuple[Path, Drawing]) -> None:
+    path, drawing = job
+    figure = drawing()
+    _without_formulas(figure)
+    # savefig lays out and draws everything twice
+    figure.canvas.print_png(path, pil_kwargs={"compress_level": SETTINGS.compression})
 
 
 def _without_formulas(figure: Figure) -> None:
@@ -97,17 +82,6 @@ def _without_formulas(figure: Figure) -> None:
     }
     for text in figure.findobj(Text):
         text.set_parse_math(text in powers)
-
-
-def _draw_and_exit(jobs: Sequence[tuple[Path, Drawing]], parent: int) -> NoReturn:
-    """Draw, and end: all that the copy of the process `parent` does, whatever happens."""
-    status = 1
-    try:
-        end_with_parent(parent)
-        _draw(jobs)
-        status = 0
-    finally:
-        os._exit(status)
 
 
 def new_figure(height: float, layout: str | None = "constrained") -> Figure:

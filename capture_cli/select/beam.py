@@ -178,8 +178,8 @@ def _more(
         return BalancedModel(tuple(placed[name] for name in names), **numbers)
 
     keys = [("more", m.key, known, settings.branches) for m in models]
-    new = [m for m, key in zip(models, keys, strict=True) if not screening.knows(key)]
-    made = in_processes(told, new, screening.balance.threads)
+    new = {key: m for m, key in zip(models, keys, strict=True) if not screening.knows(key)}
+    made = in_processes(told, list(new.values()), screening.balance.threads)
 
     def taken() -> tuple[list[BalancedModel], dict[str, list[BalancedModel]]]:
         found, alike = next(made)
