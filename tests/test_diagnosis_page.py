@@ -13,7 +13,9 @@ import pytest
 from html_page import Page
 from matplotlib.image import imread
 from rich.console import Console
+from setting_numbers import set_numbers
 
+from capture_cli.common import processes
 from capture_cli.report import diagnosis_figures, diagnosis_plots
 from capture_cli.report import diagnosis_findings as findings
 from capture_cli.report.diagnosis_figures import write_figures
@@ -443,6 +445,7 @@ def test_a_figure_of_many_curves_has_those_that_account_for_most(tmp_path):
     diagnosis.arrays.update(bins)
     drawn = []
     with pytest.MonkeyPatch.context() as patch:
+        set_numbers(patch, processes, worth=np.inf)  # drawn here
         patch.setattr(
             diagnosis_figures, "_draw_curve", lambda axis, d, k, row: drawn.append(often[row]) or []
         )

@@ -141,7 +141,7 @@ def test_a_log_that_begins_wound_up_is_followed_from_there_until_that_is_forgott
     far = [1700] * 3
     log, begun = begun_inside(effect, values, tape, far, stretches=cut, states=states)
     np.testing.assert_allclose(begun, log, atol=1e-3)
-    assert effect.states_matter(np.array([700, 1900])).tolist() == [[True, True], [True, False]]
+    assert effect.states_sd(np.array([700, 1900])).tolist() == [[True, True], [True, False]]
 
 
 def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did():

@@ -178,15 +178,15 @@ def test_time_counts_from_the_beginning_of_the_reference(in_a_log):
     assert np.abs(there).max() > 1e-4
 
 
-def test_states_matter_outside_the_reference_alone(in_a_log):
-    assert in_a_log.states_matter(FIRST).ravel().tolist() == [True, True, False, False]
+def test_states_are_free_outside_the_reference_alone(in_a_log):
+    assert in_a_log.states_sd(FIRST).ravel().tolist() == [True, True, False, False]
     assert in_a_log.fitted_to(FIRST) is in_a_log
-    assert in_a_log.fitted_to(FIRST[:2]).states_matter(FIRST).all()
+    assert in_a_log.fitted_to(FIRST[:2]).states_sd(FIRST).all()
     one = PeriodicDisturbance(in_a_log.model, "x")
     same = replace(in_a_log.recordings, of_step=np.zeros(2 * STEPS, dtype=int))
     one.look_in(SeenLog(window=0.5, longest=2.0, logged=frozenset([0]), seen={}, recordings=same))
     assert not one.states and not len(one.states_tried)
-    assert one.states_matter(FIRST).shape == (4, 0)
+    assert one.states_sd(FIRST).shape == (4, 0)
 
 
 def test_a_score_takes_the_waves_of_a_recording_together(in_a_log):

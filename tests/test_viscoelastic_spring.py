@@ -124,6 +124,6 @@ def test_how_far_it_was_stretched_when_a_log_began_is_forgotten():
     np.testing.assert_allclose(begun, log, atol=1e-5)
     slowest = effect.space.high[1]
     assert slowest == pytest.approx(2.0)
-    assert effect.states_matter(np.array([700, 1900])).tolist() == [[True], [True]]
+    assert effect.states_sd(np.array([700, 1900])).tolist() == [[True], [True]]
     effect.longest = 0.2
-    assert effect.states_matter(np.array([700, 1900])).tolist() == [[True], [False]]
+    assert effect.states_sd(np.array([700, 1900])).tolist() == [[True], [False]]

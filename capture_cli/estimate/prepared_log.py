@@ -107,7 +107,7 @@ class PreparedLog:
         return np.hstack([np.where(self.initial.sd > 0, moved, 0.0), corrections[:, own:]])
 
     def data(self, simulator: Simulator) -> Data:
-        """What identifiers are given. Hidden states of effects are free where windows begin, by their unit prior."""
+        """What identifiers are given. Hidden states of effects are free where windows begin, by their prior."""
         return Data(
             simulator.space,
             self.windows.measured,

@@ -197,7 +197,7 @@ class Simulator:
         """
         sd = np.zeros((len(windows), self.hidden_states))
         for own in self._placed:
-            sd[:, own.states] = own.effect.states_matter(windows.first)
+            sd[:, own.states] = own.effect.states_sd(windows.first)
             if own.effect.states_before:
                 shows = SETTINGS.shows * own.effect.memory(own.effect.space.high[None])
                 sd[(windows.known > 0) & (windows.known >= shows), own.states] = 0.0

@@ -20,9 +20,9 @@ class SensorFilter(TimeEffect):
     states_mean = (
         "`ahead K`: what is reported of its number K, in the sensor's unit, over what it would be had motion before "
         "been even; `rising K`, of second order: the same of its slope times `time_constant`. At 1 what that number "
-        "changes within `time_constant` at its fastest"
+        "commonly changes within `time_constant`"
     )
-    _speeds: np.ndarray | None = None
+    _speeds: np.ndarray | None = None  # per s, of each of its numbers, where a log shows them fastest
 
     def look_in(self, log):
         super().look_in(log)
@@ -31,18 +31,19 @@ class SensorFilter(TimeEffect):
             self._speeds = np.array([log.reports.fastest(k) for k in columns])
 
     @property
-    def speeds(self) -> np.ndarray:
-        """How fast each of its numbers commonly is, per s, (column,): of what no log shows, its size in a second."""
-        if self._speeds is None:
-            return self.sizes
-        return np.where(self._speeds > 0, self._speeds, self.sizes)
-
-    @property
     def states(self):
         return tuple(f"{name} {k}" for name in self.begins_with for k in range(len(self.sizes)))
+
+    def states_sd(self, first):
+        if self._speeds is None:
+            return super().states_sd(first)
+        # as far as the log shows that it goes, in place of what is common
+        own = np.where(self._speeds > 0, self._speeds / self.sizes, 1.0)
+        return np.tile(own, (len(first), len(self.begins_with)))
 
     def measure(self, sensors, values, timestep, *, states=None, **_):
         states = np.zeros(len(self.states)) if states is None else states
         count = len(self.begins_with)
-        begun = np.split(values[:, :1] * np.tile(self.speeds, count) * states, count, axis=-1)
+        # within that time a signal may go as far as it commonly does in a second
+        begun = np.split(values[:, :1] * np.tile(self.sizes, count) * states, count, axis=-1)
         return self.measured(sensors, values, timestep, **dict(zip(self.begins_with, begun, strict=True)))

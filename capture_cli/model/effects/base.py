@@ -317,11 +317,11 @@ class Effect(ABC):
         """
         return None
 
-    def states_matter(self, first: np.ndarray) -> np.ndarray:
-        """Which of its states can matter to simulations that begin at the steps `first` of the log, (simulation,
-        state).
+    def states_sd(self, first: np.ndarray) -> np.ndarray:
+        """How far from 0 its states commonly are where simulations begin at the steps `first` of the log, (simulation,
+        state): a standard deviation, 0 of one that cannot matter there.
         """
-        return np.ones((len(first), len(self.states)), dtype=bool)
+        return np.ones((len(first), len(self.states)))
 
     def eased(self) -> Effect | None:
         """The effect with states that are less bound to the log before, for a descent to come from farther; None where

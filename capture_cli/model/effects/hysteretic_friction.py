@@ -74,12 +74,12 @@ class HystereticFriction(FollowedForce):
     def force_since(self, given, timestep, first, states):
         return ForceWoundUpToHere(self, given | {"wound": self._wound(given, first, states)}, timestep)
 
-    def states_matter(self, first):
+    def states_sd(self, first):
         if self.seen is None:
-            return super().states_matter(first)
+            return super().states_sd(first)
         longest = self.space.high[self.space.names.index("distance")]
         ways = self._ways_before(first)
-        matters = np.ones((len(first), len(self.states)), dtype=bool)
+        matters = super().states_sd(first)
         # times the distance that friction takes to build up: then nothing is left of what was before
         forgotten = 5.0
         matters[:, 1] = _reaches_back(ways) & (np.abs(ways).sum(axis=1) < forgotten * longest)

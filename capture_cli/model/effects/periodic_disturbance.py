@@ -55,10 +55,10 @@ class PeriodicDisturbance(PeriodicForce):
         given["sine"], given["cosine"] = _turned(given["sine"], given["cosine"], turns)
         return ForceOfKernel(self, given, timestep)
 
-    def states_matter(self, first):
+    def states_sd(self, first):
         if self.recordings is None:
-            return super().states_matter(first)
-        return ~(self._in_reference(first) & self.anchored)[:, None]
+            return super().states_sd(first)
+        return 1.0 - (self._in_reference(first) & self.anchored)[:, None]
 
     def fitted_to(self, first):
         if self.recordings is None or self._in_reference(first).any():

@@ -91,11 +91,11 @@ class ViscoelasticSpring(FollowedForce):
         rest = self._rest(given["relaxation"], first, states[:, 0])
         return ForceSinceBefore(self, given | {"rest": rest}, timestep)
 
-    def states_matter(self, first):
+    def states_sd(self, first):
         if self.seen is None:
-            return super().states_matter(first)
+            return super().states_sd(first)
         slowest = self.space.high[self.space.names.index("relaxation")]
-        return (self._elapsed[first] < SETTINGS.forgotten * slowest)[:, None]
+        return (self._elapsed[first] < SETTINGS.forgotten * slowest)[:, None].astype(float)
 
     def _rest(self, relaxation: np.ndarray, first: np.ndarray, stretched: np.ndarray) -> np.ndarray:
         """m or rad: where springs rest at the steps `first` of the log, all (simulation,), that were stretched by
