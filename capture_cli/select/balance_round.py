@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from capture_cli.common.similarity import similarity
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit, least
 from capture_cli.estimate.model_fits import Effort
@@ -18,7 +17,7 @@ from capture_cli.select.beam import SETTINGS as BEAM
 from capture_cli.select.beam import Level, grown
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.forward_round import SETTINGS as FORWARD_ROUND
-from capture_cli.select.forward_round import by_score, reject_at_first_sight
+from capture_cli.select.forward_round import alike_unfitted, by_score, reject_at_first_sight
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import (
@@ -66,8 +65,8 @@ class BalanceRound:
 
     def choose(self) -> tuple[FittedSet, list[Candidate]] | None:
         """Of the supported models the best, and of those it cannot be told from that with the fewest parameters. With
-        it, where it has one effect more, its rivals: the others with one, and effects that were not fitted whose
-        response is nearly its own.
+        it, where it has one effect more, its rivals: the others with one, and what was not fitted and does nearly the
+        same as one of these.
         """
         if not self.supported:
             self._reject_unfitted([])
@@ -83,13 +82,8 @@ class BalanceRound:
         unfitted = self._reject_unfitted(names)
         if len(names) > 1:
             return chosen, []
-        response = self.candidates[names[0]].score.response
-        alike = [
-            replace(c)
-            for c in unfitted
-            if abs(similarity(response, c.score.response)) > FORWARD_ROUND.similar
-        ]
-        return chosen, [*rivals[: FORWARD_ROUND.rivals], *alike[: FORWARD_ROUND.rivals]]
+        rivals = rivals[: FORWARD_ROUND.rivals]
+        return chosen, [*rivals, *alike_unfitted(unfitted, [self.candidates[names[0]], *rivals])]
 
     def _reject_unfitted(self, names: Sequence[str]) -> list[Candidate]:
         """Say why candidates are out that nothing else is said of, but those called `names`; they are returned."""

@@ -26,6 +26,7 @@ from capture_cli.select.rejection import (
     out_of_range,
     slight,
 )
+from capture_cli.select.score import Score
 from capture_cli.select.score_checkpoint import kept_scores
 
 
@@ -95,6 +96,17 @@ def _settles(coarser: Candidate, candidate: Candidate, held: Collection[str]) ->
 def by_score(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Those that their scores speak for, best first."""
     return sorted((c for c in candidates if c.why_rejected is None), key=lambda c: -c.score.gain)
+
+
+def do_the_same(one: Score, other: Score) -> bool:
+    """Whether two effects do so nearly the same that either may be there in the place of the other."""
+    return abs(similarity(one.response, other.response)) > SETTINGS.similar
+
+
+def alike_unfitted(unfitted: Sequence[Candidate], held: Sequence[Candidate]) -> list[Candidate]:
+    """Of candidates that were not fitted, those that do nearly the same as one of those that `held`."""
+    alike = [c for c in unfitted if any(do_the_same(c.score, other.score) for other in held)]
+    return [replace(c) for c in alike[: SETTINGS.rivals]]
 
 
 def reject_at_first_sight(candidates: Sequence[Candidate], ranked: Sequence[Candidate]) -> None:
@@ -266,8 +278,8 @@ class ForwardRound:
 
     def choose(self) -> tuple[FittedSet, list[Candidate]] | None:
         """The best of what is supported; among those it cannot be told from, the simplest, and then the one that fits
-        best. With it, where it is one effect, its rivals: the others, and those not fitted whose response is nearly
-        its own.
+        best. With it, where it is one effect, its rivals: the others, and what was not fitted and does nearly the same
+        as one of these.
         """
         if not self.supported:
             return None
@@ -282,8 +294,5 @@ class ForwardRound:
             candidate.why_rejected = f"{' and '.join(names)} explains as much with less, or more"
         if len(names) > 1:
             return chosen, []
-        response = by_name[names[0]].score.response
-        similar = [
-            c for c in self._unfitted if abs(similarity(response, c.score.response)) > SETTINGS.similar
-        ]
-        return chosen, [replace(c) for c in (*rivals[: SETTINGS.rivals], *similar[: SETTINGS.rivals])]
+        rivals = [replace(c) for c in rivals[: SETTINGS.rivals]]
+        return chosen, [*rivals, *alike_unfitted(self._unfitted, [by_name[names[0]], *rivals])]

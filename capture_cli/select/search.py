@@ -14,7 +14,6 @@ import numpy as np
 from scipy.special import chdtrc
 
 from capture_cli.common.frozen import frozen
-from capture_cli.common.similarity import similarity
 from capture_cli.errors import OutOfTime
 from capture_cli.estimate.balance.dictionary import acts_unshown
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
@@ -30,7 +29,7 @@ from capture_cli.select.balance_scores import score_in_balance
 from capture_cli.select.candidates import Candidate, all_candidates, worth_a_refit
 from capture_cli.select.criterion import Support
 from capture_cli.select.forward_round import SETTINGS as FORWARD_ROUND
-from capture_cli.select.forward_round import ForwardRound, Scores, by_score
+from capture_cli.select.forward_round import ForwardRound, Scores, by_score, do_the_same
 from capture_cli.select.log_parts import Folds
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import TIED, WORSE, FittedSet, ModelComparison
@@ -576,8 +575,7 @@ def _may_rival(mine: Score, other: Score) -> bool:
     """Whether the effect of the `other` score may be what is there in the place of mine: it has as much of what is left
     to say, or does nearly the same.
     """
-    as_much = other.gain > SETTINGS.as_much * mine.gain
-    return as_much or abs(similarity(mine.response, other.response)) > FORWARD_ROUND.similar
+    return other.gain > SETTINGS.as_much * mine.gain or do_the_same(mine, other)
 
 
 def _is_shorter_step(placed: Placed) -> bool:
