@@ -170,7 +170,7 @@ def _more(
     """
     placed = {p.name: p for p in (*screening.placed, *(e for m in models for e in m.effects))}
 
-    def told(model: BalancedModel) -> tuple[list[_Told], dict[str, list[_Told]]]:
+    def more(model: BalancedModel) -> tuple[list[_Told], dict[str, list[_Told]]]:
         found, alike = _made(screening, model, known, settings)
         return [_told(m) for m in found], {name: [_told(m) for m in own] for name, own in alike.items()}
 
@@ -179,7 +179,7 @@ def _more(
 
     keys = [("more", m.key, known, settings.branches) for m in models]
     new = {key: m for m, key in zip(models, keys, strict=True) if not screening.knows(key)}
-    made = in_processes(told, list(new.values()), screening.balance.threads)
+    made = in_processes(more, list(new.values()), screening.balance.threads)
 
     def taken() -> tuple[list[BalancedModel], dict[str, list[BalancedModel]]]:
         found, alike = next(made)

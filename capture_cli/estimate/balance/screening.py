@@ -237,10 +237,10 @@ class Screening:
         asked = rest[: count * SETTINGS.most_polished]
         with closing(self._polished(begin, asked)) as each:
             # the columns of a nonlinear effect may promise more than it keeps
-            while len(rest) and sum(a.gain >= rest[0].gain for a in polished) < count:
-                if (begun := next(each, None)) is None:
+            for addition in asked:
+                if sum(a.gain >= addition.gain for a in polished) >= count:
                     break
-                addition, *rest = rest
+                begun, rest = next(each), rest[1:]
                 gains = [m.gain(model) for m in begun]
                 best = int(np.argmax([g if np.isfinite(g) else -np.inf for g, _ in gains]))
                 more, (gain, error) = begun[best], gains[best]

@@ -27,8 +27,7 @@ class SensorFilter(TimeEffect):
     def look_in(self, log):
         super().look_in(log)
         if log.reports is not None:
-            columns = np.arange(self.model.nsensordata)[self.columns]
-            self._speeds = np.array([log.reports.fastest(k) for k in columns])
+            self._speeds = log.reports.speeds[self.columns]
 
     @property
     def states(self):

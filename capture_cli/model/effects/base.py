@@ -115,9 +115,11 @@ class Reports:
     stretches: Sequence[slice]
     noise: np.ndarray
 
-    def fastest(self, column: int) -> float:
-        """The largest speed of a column, per s; 0 where there is none."""
-        return fastest(self.values[:, column], self.time, self.stretches, self.noise[column])
+    @cached_property
+    def speeds(self) -> np.ndarray:
+        """The largest speed of each column, per s, (column,); 0 where there is none."""
+        columns = zip(self.values.T, self.noise, strict=True)
+        return np.array([fastest(path, self.time, self.stretches, sd) for path, sd in columns])
 
 
 @dataclass(frozen=True)
