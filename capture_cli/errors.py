@@ -5,8 +5,6 @@ line prints both and exits with 2. Anything that is not one of these is our faul
 nobody's, and exits as a signal does.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 

@@ -1,7 +1,5 @@
 """What `capture inspect` shows, and `capture import-log` of the log that it wrote."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How results reach stdout: one JSON document, or tables."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from typing import Any
 

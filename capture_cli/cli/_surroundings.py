@@ -1,7 +1,5 @@
 """Surroundings of a run: the current folder, names that can be written, and what the system refuses."""
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

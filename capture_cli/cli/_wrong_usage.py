@@ -1,7 +1,5 @@
 """Faults of a command line: what was found, and the cure."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Sequence
 from typing import Any, get_args, get_type_hints

@@ -3,8 +3,6 @@
 stdout carries results only (tables, or with --json exactly one JSON document); progress and messages go to stderr.
 """
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 import sys

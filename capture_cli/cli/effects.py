@@ -1,7 +1,5 @@
 """`capture effects`: its options, and what it prints."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`capture export`: its options, and what it prints."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`capture gen-histories`: its help, and what it prints."""
 
-from __future__ import annotations
-
 from capture_cli.cli._results import print_json
 from capture_cli.options.gen_histories import GenHistoriesOptions
 

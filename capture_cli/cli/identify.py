@@ -1,7 +1,5 @@
 """`capture identify`: its help, and what it prints."""
 
-from __future__ import annotations
-
 from capture_cli.cli._results import console, fail_on, print_json
 from capture_cli.options.identify import IdentifyOptions
 

@@ -1,7 +1,5 @@
 """`capture import-log`: its help, and what it prints."""
 
-from __future__ import annotations
-
 from capture_cli.cli._inspection import show_inspection
 from capture_cli.options.import_log import ImportLogOptions
 

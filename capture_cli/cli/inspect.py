@@ -1,7 +1,5 @@
 """`capture inspect`: its options, and what it prints."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

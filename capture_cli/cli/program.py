@@ -4,8 +4,6 @@ Exit codes: 0 done; 1 our fault; 2 the user can mend it; 3 it ran, and the verdi
 128 + the number of the signal that ended it: 130 Ctrl-C, 143 SIGTERM.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

@@ -1,7 +1,5 @@
 """`capture propose`: its help, and what it prints."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any

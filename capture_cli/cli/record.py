@@ -1,7 +1,5 @@
 """`capture record`: its help, and what it prints."""
 
-from __future__ import annotations
-
 import sys
 
 from capture_cli.cli._results import print_json

@@ -1,7 +1,5 @@
 """`capture tasks`: its options, and what it prints."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from capture_cli.cli._results import console, print_json

@@ -1,7 +1,5 @@
 """`capture train-policy`: its help, and what it prints."""
 
-from __future__ import annotations
-
 from capture_cli.cli._results import console, print_json
 from capture_cli.options.train_policy import TrainPolicyOptions
 

@@ -4,8 +4,6 @@ Whoever wrote it, what comes out is made of finite numbers, whole numbers of 64 
 most `deepest` levels deep. What is not is refused: too large a file, one that may not be read, a folder, a device.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

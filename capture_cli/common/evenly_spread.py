@@ -1,7 +1,5 @@
 """A few that stand for many: windows, episodes or actions, evenly spread from the first to the last."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

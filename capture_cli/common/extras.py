@@ -3,8 +3,6 @@
 The core needs none of them. Nothing is imported here: whether a package is there is all that is asked.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """Settings of a module: one value, whose numbers have names, reasons and types, and do not change."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeVar
 

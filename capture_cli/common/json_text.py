@@ -1,7 +1,5 @@
 """How JSON documents are written: a key a line, and a list of numbers in one."""
 
-from __future__ import annotations
-
 import json
 import re
 from typing import Any

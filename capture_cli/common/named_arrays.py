@@ -1,7 +1,5 @@
 """Arrays by name: of several things under one set of names, PART.NAME; and the shapes that they have to have."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

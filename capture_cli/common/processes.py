@@ -1,7 +1,5 @@
 """Independent items of work in several processes at a time, each a copy of this one."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

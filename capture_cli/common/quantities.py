@@ -1,7 +1,5 @@
 """Numbers as people read them: digits that mean something, and units with a prefix."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

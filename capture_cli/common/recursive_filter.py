@@ -1,7 +1,5 @@
 """Linear filters with a memory, along a signal."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 SIGTERM, by which batch systems and containers end a run, does as Ctrl-C does.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
@@ -40,7 +38,7 @@ def heed_signals() -> list[int]:
 
     soon = 0.05  # s
 
-    def unraisable(swallowed: sys.UnraisableHookArgs) -> None:
+    def unraisable(swallowed: "sys.UnraisableHookArgs") -> None:
         nonlocal last
         if not (received and swallowed.exc_type is KeyboardInterrupt):
             shown(swallowed)

@@ -1,7 +1,5 @@
 """How alike two effects are in what they do."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -4,8 +4,6 @@ A pair's noise comes from its own generator and takes the same number of draws i
 however pairs are grouped, and whether its rounds are made at once or one after the other.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """`--device` of what trains a network: the CPU, or a GPU."""
 
-from __future__ import annotations
-
 import os
 
 from capture_cli.errors import OptionError

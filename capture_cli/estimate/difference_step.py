@@ -8,8 +8,6 @@ what of it is left where the initial states are fitted too: of a slope that init
 that is left.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

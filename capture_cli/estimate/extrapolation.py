@@ -1,7 +1,5 @@
 """Where what was held out goes beyond all that was fitted: a model is known to hold only where it was fitted."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

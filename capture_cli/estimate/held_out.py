@@ -10,8 +10,6 @@ by how it rounds the steps of a command, to a thousandth, and the time step puts
 motion that was held out shows it. So parameters may also be where what was fitted is next to nothing worse.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the log says of parameters that it does not determine: at least so much, or at most."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

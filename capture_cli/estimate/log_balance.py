@@ -1,7 +1,5 @@
 """The force balance of a prepared log: its smoothed motion, how its inputs act, and where it has the parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

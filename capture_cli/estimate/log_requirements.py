@@ -1,7 +1,5 @@
 """What a log and a task have to be for anything to be found: raised before any work, with the cure."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

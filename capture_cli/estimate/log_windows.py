@@ -1,7 +1,5 @@
 """The windows of a log, by the clock of simulations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

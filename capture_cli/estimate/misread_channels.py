@@ -1,7 +1,5 @@
 """Whether what no physics would leave is a channel read with a wrong sign or unit, or from another's column."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations

@@ -8,8 +8,6 @@ as far as their noise goes, and what no sensor shows. Where windows are longer t
 between, too, in states that are read off the samples alone, as windows' are before the fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 

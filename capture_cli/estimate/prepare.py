@@ -1,7 +1,5 @@
 """A log made ready for a task: checked, cut into windows, with initial states, noise floor and split."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Fit and test: which windows of a log are fitted, and which are kept back to be looked at once."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase

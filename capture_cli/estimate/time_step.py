@@ -4,8 +4,6 @@ What MuJoCo's integrators leave out is of the first order in the step: those tha
 if the inertia had step times damping more. Parameters make up for it, and the error need not show it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

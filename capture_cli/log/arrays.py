@@ -1,7 +1,5 @@
 """A log as plain arrays: it is cut into windows; motion, initial states and noise are read off it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

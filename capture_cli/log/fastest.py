@@ -1,7 +1,5 @@
 """How fast a recorded coordinate went."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

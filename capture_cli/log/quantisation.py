@@ -1,7 +1,5 @@
 """The steps that a sensor reports in."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

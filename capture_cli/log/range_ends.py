@@ -1,7 +1,5 @@
 """Where the numbers of a sensor pile up, as they do at the end of its range."""
 
-from __future__ import annotations
-
 from math import comb
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A window that a log is long enough for: what to set where the one that is set is too long."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.log.windows import SETTINGS as WINDOWS

@@ -1,7 +1,5 @@
 """A time step that suits a log: neither so long that a window holds few of them, nor so short that none would wait."""
 
-from __future__ import annotations
-
 from capture_cli.common.frozen import frozen
 from capture_cli.log.windows import SETTINGS as WINDOWS
 

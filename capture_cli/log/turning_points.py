@@ -1,7 +1,5 @@
 """Turning points of a measured path: the history that forces with memory depend on."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -8,8 +8,6 @@ Noise that a low-pass has passed is smooth, too: the estimate falls with every o
 than the filter remembers have white noise again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import comb

@@ -1,7 +1,5 @@
 """Which geoms of a model can touch, and whether anything can be hit."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

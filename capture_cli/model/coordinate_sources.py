@@ -1,7 +1,5 @@
 """Which coordinates of a model the outputs of a log give: alone, mixed by gears, tendons or slides, or an attitude."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A coordinate that no output measures is often known all the same, because a loop
 taken as one more measurement of the state, linearised where they hold: a Kalman update, iterated (Bell & Cathey 1993).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace

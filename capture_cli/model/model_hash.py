@@ -1,7 +1,5 @@
 """What tells one compiled model from another."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from copy import copy

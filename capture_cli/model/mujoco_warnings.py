@@ -1,7 +1,5 @@
 """MuJoCo's own warnings, kept out of the terminal."""
 
-from __future__ import annotations
-
 import mujoco
 
 

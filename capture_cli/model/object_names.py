@@ -1,7 +1,5 @@
 """What objects of a model are called, those without a name too."""
 
-from __future__ import annotations
-
 import mujoco
 
 

@@ -1,7 +1,5 @@
 """In which order the four columns of an attitude are: MuJoCo's is w, x, y, z; ROS, SciPy and Unity write x, y, z, w."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """An attitude is two quaternions, q and -q. Which of them a device reports, or a simulation gives, means nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

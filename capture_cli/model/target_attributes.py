@@ -1,7 +1,5 @@
 """What a target can set of each kind of object: unit, meaning, and how it is reached in a model."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """How targets are written, KIND:NAME:ATTRIBUTE ("joint:x:damping"): what there is, and what a model has of it."""
 
-from __future__ import annotations
-
 import mujoco
 
 from capture_cli.errors import ModelError, did_you_mean

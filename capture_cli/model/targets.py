@@ -4,8 +4,6 @@ A target reads its nominal value from a compiled model and writes per-simulation
 one compiled model serves a whole batch.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar

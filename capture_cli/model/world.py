@@ -1,7 +1,5 @@
 """What a force sees of the simulations that it acts in, and what a force is."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

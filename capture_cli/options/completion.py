@@ -1,7 +1,5 @@
 """Values of options that the shell offers; where none fits, the shell offers names of files."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Iterable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`--config`: a TOML whose keys are the defaults of a command's options."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated, Any

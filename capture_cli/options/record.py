@@ -1,7 +1,5 @@
 """Options of `capture record`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf

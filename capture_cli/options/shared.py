@@ -1,7 +1,5 @@
 """Options that several commands share: each spelled once, and classes of those that go together."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the texts of options say: NAME=NUMBER, ranges, standard deviations, verdicts."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

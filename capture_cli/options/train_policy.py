@@ -1,7 +1,5 @@
 """Options of `capture train-policy`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf
 

@@ -1,7 +1,5 @@
 """Options of `capture train-sysid`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf
 

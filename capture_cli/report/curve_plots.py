@@ -1,7 +1,5 @@
 """The interactive plots of a record's curves: measured and simulated over time, and their residual."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """PNG figures of a diagnosis, for slides and issue threads."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a diagnosis says, in words and rows: one source for diagnosis.json, the page, the figures and the terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """report.html of a diagnosis: what diagnosis_page.html shows of it."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The interactive plots of a diagnosis: error by stage, what parameters had absorbed, where the residual arises."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

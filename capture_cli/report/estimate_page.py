@@ -1,7 +1,5 @@
 """report.html of an estimate: what estimate_page.html shows of it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

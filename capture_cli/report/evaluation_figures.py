@@ -1,7 +1,5 @@
 """PNG figures of an evaluation in the paper's form: identifiers against each other, by round."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """An evaluation as tables, the paper's numbers beside ours: at the terminal and as Markdown, from the same rows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape

@@ -1,7 +1,5 @@
 """Pieces of PNG figures. Drawn without pyplot, which is slow to import."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 

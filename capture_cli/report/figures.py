@@ -1,7 +1,5 @@
 """PNG figures of an estimate, for slides and issue threads."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What an estimate says, in words and rows: one source for the page and the terminal."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What `capture inspect` found, at the terminal: what it is, tables, and the findings with their cures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tables of `capture tasks` and `capture effects`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import groupby
 from operator import itemgetter

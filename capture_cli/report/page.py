@@ -7,8 +7,6 @@ Colours are named, not given: a string "--ink" in a plot is the CSS variable of 
 plot is drawn, so that one page serves light, dark and paper.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 from collections.abc import Iterable, Mapping

@@ -5,8 +5,6 @@ Table II (air hockey, sim-to-sim, trajectory difference in m over three seeds), 
 stand beside worlds) and the text of Section IV-C. The figures have no numbers of their own, and are not read off.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

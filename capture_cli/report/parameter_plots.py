@@ -1,7 +1,5 @@
 """The interactive plots of an estimate's parameters: correlation, convergence, and recording by recording."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -3,8 +3,6 @@
 A plot may say its "height", px; the template says that of the others.
 """
 
-from __future__ import annotations
-
 import base64
 from typing import Any
 

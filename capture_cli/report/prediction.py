@@ -1,7 +1,5 @@
 """Errors in open loop, in words and rows: one source for the page and the terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What a training came to: of an identifier, with loss.png, and of a policy, with training.png."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

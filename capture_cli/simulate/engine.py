@@ -3,8 +3,6 @@
 MuJoCo's `mujoco.batch` does the stepping on its thread pool; results are bit-identical for any number of threads.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable, Sequence
 from copy import copy

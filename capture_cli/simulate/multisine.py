@@ -1,7 +1,5 @@
 """Input signals that excite a machine: sums of sines, and how far an input may be driven."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import mujoco

@@ -12,8 +12,6 @@ remember is there once they were called: the first steps of all are simulated. W
 whoever asks has to check.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

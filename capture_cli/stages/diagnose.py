@@ -1,7 +1,5 @@
 """`capture diagnose`: what the model lacks, traced to an effect, added, and the error before and after."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """`--effect NAME@SITE.PARAMETER=VALUE`, or `=LOW:HIGH`, read: which effects, where, with which values."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """`capture effects`: what a model may lack."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from capture_cli.model.effects import REGISTRY, Entry, catalogue

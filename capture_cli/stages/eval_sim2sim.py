@@ -1,7 +1,5 @@
 """`capture eval-sim2sim`: identifiers against each other on simulated truths (paper, Section IV-C and Appendix)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from capture_cli.errors import OptionError

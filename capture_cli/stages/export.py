@@ -1,7 +1,5 @@
 """`capture export`: an estimate or a diagnosis in, an MJCF out; beside it what MuJoCo has no feature for."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """`capture gen-histories`: walks from sources to targets, and what both sides show on the way (paper, Algorithm 1)."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

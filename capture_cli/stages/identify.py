@@ -1,7 +1,5 @@
 """`capture identify`: measured log in, parameters with intervals and a verdict out."""
 
-from __future__ import annotations
-
 import importlib
 import shlex
 import threading

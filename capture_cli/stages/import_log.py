@@ -1,7 +1,5 @@
 """`capture import-log`: CSV or Parquet files in, or other measured logs, one measured log out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`capture inspect`: what a store or a result directory is, and its health."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace

@@ -1,7 +1,5 @@
 """`capture propose`: an estimate or a diagnosis in, the next action to run on the machine out, as JSON."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """`capture record`: simulate a machine and write what its sensors would have logged; the truth goes to another file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The checkpoint of `capture diagnose`, beside its output: a file for every long step, and of what run they are."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

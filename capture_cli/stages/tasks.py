@@ -1,7 +1,5 @@
 """`capture tasks`: the built-in tasks, or one task in full."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds

@@ -1,7 +1,5 @@
 """`capture train-policy`: a task in, a policy that knows the parameters out (paper, III-B)."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, fields

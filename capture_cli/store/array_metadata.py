@@ -4,8 +4,6 @@ Zarr gives what it unpacks to the codecs that the store names; one of them, pick
 of a few bytes may say that it holds billions of numbers.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The diagnosis directory: diagnosis.json (what the model lacks), diagnosis.zarr (the curves), report and figures."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ of any keys; [shape] for a list; or_none(shape). (A library for JSON schemas say
 schema, not of the user's document.)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

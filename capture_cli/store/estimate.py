@@ -1,7 +1,5 @@
 """The estimate directory: estimate.json (what was found), estimate.zarr (the curves), report.html and figures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The evaluation directory: evaluation.json (the tables), evaluation.zarr (every round of every pair), figures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ that a run that was killed can go on, and so that no reader takes a part for the
 at any URL that zarr opens through fsspec.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

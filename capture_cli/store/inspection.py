@@ -1,7 +1,5 @@
 """What `capture inspect` found of a file or a folder: one record, which reports show and JSON is written from."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

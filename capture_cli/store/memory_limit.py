@@ -1,7 +1,5 @@
 """How much memory a block of code may take, whatever a file says that it unpacks to."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ What is written beside is made there by this process: where something of that na
 neither followed nor written to.
 """
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import hashlib

@@ -1,7 +1,5 @@
 """proposal.json: the next action to run on a machine, as `capture propose` gives it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

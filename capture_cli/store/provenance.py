@@ -1,7 +1,5 @@
 """`provenance.json`: what made an output, from what, and how long it took."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import platform
 import time

@@ -1,7 +1,5 @@
 """A result on disk: a folder with NAME.json, what was found, NAME.zarr, the curves, and how it was made."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path

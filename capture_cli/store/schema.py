@@ -1,7 +1,5 @@
 """A schema is a table of arrays; it writes a store, reads and checks one, and stands in the docs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

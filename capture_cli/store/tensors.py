@@ -1,7 +1,5 @@
 """Named arrays in a safetensors file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

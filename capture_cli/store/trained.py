@@ -1,7 +1,5 @@
 """Records of the documents that a training writes: identifier.json and policy.json."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ file of somebody's, or a link to one. (The package filelock takes as much care, 
 say who holds it.)
 """
 
-from __future__ import annotations
-
 import os
 import socket
 import stat

@@ -1,7 +1,5 @@
 """A Zarr store of any writer on disk: its metadata are read as documents, and judged, before Zarr opens an array."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import warnings

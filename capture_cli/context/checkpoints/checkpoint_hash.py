@@ -4,8 +4,6 @@ Figures, metrics and what a file manager leaves beside them change nothing. Unti
 folder counted; what recorded such a hash still belongs to the checkpoint.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from pathlib import Path

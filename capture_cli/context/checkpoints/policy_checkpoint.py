@@ -1,7 +1,5 @@
 """Policies on disk: a checkpoint directory holds policy.json and policy.safetensors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 A state is counters, arrays and what was being trained, in one safetensors file; metrics are a line of JSON each.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path

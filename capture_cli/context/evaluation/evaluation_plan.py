@@ -1,7 +1,5 @@
 """What one evaluation is asked to do, checked before any work."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

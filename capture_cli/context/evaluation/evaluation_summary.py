@@ -1,7 +1,5 @@
 """The tables of evaluation.json, from the arrays of an evaluation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

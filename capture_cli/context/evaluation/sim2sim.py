@@ -3,8 +3,6 @@
 Every identifier meets the same pairs, the same draws of the policy and the same noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Actions for a machine of the user's own: windows of a log, or multisines: initial states and input sequences."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """How a history is made (paper, Algorithm 1): task, policy, search, noise and seed give the histories of any pairs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Which parameters of a task move nothing that it observes: learning from its histories could not tell them apart."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

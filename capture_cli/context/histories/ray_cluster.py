@@ -1,7 +1,5 @@
 """Shards of histories made on a Ray cluster. A node that is lost costs the shards it was at: others make them again."""
 
-from __future__ import annotations
-
 import os
 import re
 import socket

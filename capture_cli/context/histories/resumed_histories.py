@@ -1,7 +1,5 @@
 """Where `capture gen-histories` writes, and how it resumes a run that ended early."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Who finds parameters round by round: the transformer and its rivals. One identifier = one file; ask / tell / best."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from capture_cli.common.registry import Registry

@@ -1,7 +1,5 @@
 """Sizes of the SysID transformer, and the constants that its answer is read off with. Needs no torch."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Training batches from histories that need not fit in memory, in an order that depends on the seed alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 

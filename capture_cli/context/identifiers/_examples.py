@@ -1,7 +1,5 @@
 """What identifiers learn from histories: rounds to read, and the answer after each (pair, round, parameter)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.context.identifiers.base import Rounds

@@ -3,8 +3,6 @@
 The same network as `_transformer`, which has the architecture in words; only inference, in single precision.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -8,8 +8,6 @@ What the transformer says is made of the same labels. They are read once, off th
 them too would count them twice, and be as sure of a wrong one as of a right one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

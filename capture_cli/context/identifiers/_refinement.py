@@ -10,8 +10,6 @@ later corrects them (Broyden's update), fresh finite differences are taken for t
 prediction failed most. A pair whose newest round shows no residual is left alone.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ The weights returned are those of the best evaluation on pairs held out. Half of
 of the uncertainty; the other half report how it all turned out.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass

@@ -10,8 +10,6 @@ the residual branches scaled down by sqrt(2 layers). Positions are embedded rela
 in it, plus the token's place in the round.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """CAPTURE (paper, Section III-D): distils the search that the histories show, by predicting its next parameters."""
 
-from __future__ import annotations
-
 from capture_cli.context.identifiers._examples import next_parameters
 from capture_cli.context.identifiers._learned import LearnedIdentifier
 

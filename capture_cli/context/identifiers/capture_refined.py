@@ -1,7 +1,5 @@
 """Ours: the transformer proposes, the simulator refines, and the two are weighed by their uncertainty."""
 
-from __future__ import annotations
-
 from capture_cli.context.identifiers._examples import target_after_each
 from capture_cli.context.identifiers._label_refinement import LabelRefinement
 from capture_cli.context.identifiers._learned import LearnedIdentifier

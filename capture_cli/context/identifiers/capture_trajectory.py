@@ -1,7 +1,5 @@
 """CAPTURE with one token a trajectory, and the residual shown: ours, beside the paper's network."""
 
-from __future__ import annotations
-
 from capture_cli.context.identifiers._examples import next_parameters
 from capture_cli.context.identifiers._learned import LearnedIdentifier
 

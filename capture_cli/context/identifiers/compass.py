@@ -6,8 +6,6 @@ discovery of the graph but this network; no parameter here is one without effect
 estimate, are compared with the one measured rollout of the round.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

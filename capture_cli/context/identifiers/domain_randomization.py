@@ -1,7 +1,5 @@
 """Domain randomization (Peng et al. 2018, arXiv:1710.06537): no identification, parameters drawn from their range."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.context.identifiers.base import RoundIdentifier

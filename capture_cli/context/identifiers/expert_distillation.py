@@ -1,7 +1,5 @@
 """Expert distillation (paper, Section IV-B; Laskin et al. 2022): from the source to the target in one iteration."""
 
-from __future__ import annotations
-
 from capture_cli.context.identifiers._examples import target_after_the_first
 from capture_cli.context.identifiers._learned import LearnedIdentifier
 

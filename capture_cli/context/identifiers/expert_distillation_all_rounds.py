@@ -1,7 +1,5 @@
 """Expert distillation from every round of the same histories: a control, which has as much to learn from as others."""
 
-from __future__ import annotations
-
 from capture_cli.context.identifiers._examples import target_after_each
 from capture_cli.context.identifiers._learned import LearnedIdentifier
 

@@ -1,7 +1,5 @@
 """The target's in-context posterior: ours, beside the paper's imitation of a search."""
 
-from __future__ import annotations
-
 from capture_cli.context.identifiers._examples import target_after_each
 from capture_cli.context.identifiers._learned import LearnedIdentifier
 

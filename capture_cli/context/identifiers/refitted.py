@@ -1,7 +1,5 @@
 """Identifiers of whole logs, judged round by round: after every round they fit all that was measured so far."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.common.frozen import frozen

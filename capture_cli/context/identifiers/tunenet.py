@@ -1,7 +1,5 @@
 """TuneNet (Allevato et al. 2020) with a transformer for its network, as the paper compares it (Section IV-B)."""
 
-from __future__ import annotations
-
 from capture_cli.context.identifiers._examples import target_after_the_first
 from capture_cli.context.identifiers._learned import LearnedIdentifier
 

@@ -1,7 +1,5 @@
 """Who chooses the action of an episode. One kind of policy = one file."""
 
-from __future__ import annotations
-
 from capture_cli.common.registry import Registry
 from capture_cli.context.policies.base import Policy
 

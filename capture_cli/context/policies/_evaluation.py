@@ -1,7 +1,5 @@
 """How good a policy is: the rewards and successes of its episodes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.context.policies.base import Policy

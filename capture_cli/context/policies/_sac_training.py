@@ -3,8 +3,6 @@
 Episodes of one action are a vectorised environment, one step of which is one batch of simulations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A policy that does not look: any action of the task is as likely as any other."""
 
-from __future__ import annotations
-
 from capture_cli.context.policies.base import Policy
 
 

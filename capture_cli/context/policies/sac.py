@@ -3,8 +3,6 @@
 Trained by `capture_cli.context.policies._sac_training`; acting needs numpy only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import pairwise
 from statistics import mode

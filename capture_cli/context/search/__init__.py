@@ -1,7 +1,5 @@
 """How a history walks from its source to its target. One strategy = one file."""
 
-from __future__ import annotations
-
 from capture_cli.common.registry import Registry
 from capture_cli.context.search.base import Search
 

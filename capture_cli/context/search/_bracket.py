@@ -1,7 +1,5 @@
 """A bracket per parameter that shrinks around the target (paper, Algorithm 1)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """What a search strategy is: the parameters of each round, from the source to the target (paper, Section III-C)."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 
 import numpy as np

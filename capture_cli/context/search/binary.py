@@ -1,7 +1,5 @@
 """Binary search: each round is the middle of the bracket (the paper's ablation "binary", Section IV-B)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.context.search._bracket import shrink

@@ -1,7 +1,5 @@
 """Linear interpolation: random points between source and target, in order (the paper's "linterp", Section IV-B)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.context.search.base import Search

@@ -1,7 +1,5 @@
 """Randomized binary search: each round is drawn from a symmetric Beta over the bracket (paper, Algorithm 1)."""
 
-from __future__ import annotations
-
 from scipy.special import betaincinv
 
 from capture_cli.context.search._bracket import shrink

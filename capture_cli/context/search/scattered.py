@@ -5,8 +5,6 @@ than on those of one search. Half of the parameters stay as they were in the rou
 learned nothing about, it does not move.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.context.search.base import Search

@@ -1,7 +1,5 @@
 """A robot's hand that holds a tool of the plant, in a robosuite scene: bring it there, and fix it."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 
 import mujoco

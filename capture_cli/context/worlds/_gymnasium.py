@@ -1,7 +1,5 @@
 """A robosuite environment behind gymnasium's interface."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -1,7 +1,5 @@
 """What scenes have in common whose tool strikes or pushes: it moves in the plane, at the velocities of an action."""
 
-from __future__ import annotations
-
 # patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 

@@ -5,8 +5,6 @@ gone, and a number from an array is no longer found in an enumeration. Its joint
 assigns what its base class computes. Importing this module patches it.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import logging
 

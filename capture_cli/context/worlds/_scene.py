@@ -3,8 +3,6 @@
 The model of the plant is part of the scene as it stands, and stepped with its options.
 """
 
-from __future__ import annotations
-
 from capture_cli.common.frozen import frozen
 
 # patches robosuite, and says so where it is missing: before anything of it is imported

@@ -8,8 +8,6 @@ the scene as it stands, and stepped with its options, so that a mallet with the 
 in the same way.
 """
 
-from __future__ import annotations
-
 # patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 

@@ -7,8 +7,6 @@ Importing this module registers both. The model of the plant, `capture_cli/model
 as it stands, and stepped with its options, so that a finger with the same motion pushes the door in the same way.
 """
 
-from __future__ import annotations
-
 # patches robosuite, and says so where it is missing: before anything of it is imported
 from capture_cli.context.worlds import _robosuite  # noqa: F401
 

@@ -5,8 +5,6 @@ measured every few hundredths of a second, its wheels roll and its feet stand wh
 measures (where its base is, and how fast it goes) follows from that.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How a machine moves through whole episodes, with its states: at the nominal values of its parameters or elsewhere."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.estimate.initial_states.from_outputs import model_initial_states

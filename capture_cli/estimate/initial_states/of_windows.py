@@ -1,7 +1,5 @@
 """Where the windows of a log start: where an action says, or what the outputs say; and whether the two agree."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Without parameters the objective is a sum over windows that share nothing but k.
 & Wright, Numerical Optimization, 2nd ed., section 10.3), and one that has settled is not simulated again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

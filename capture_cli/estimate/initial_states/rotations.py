@@ -1,7 +1,5 @@
 """How a body turned about chosen samples of its attitude, in three numbers that a polynomial can be fitted to."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mujoco

@@ -1,7 +1,5 @@
 """How long what is left of a log stays alike: autocovariance, autocorrelation time, and sums over blocks of it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

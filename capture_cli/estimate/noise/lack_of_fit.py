@@ -4,8 +4,6 @@ Asked of all outputs together, and of each: one that is badly wrong among many t
 mean.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ that a model lacks.
 The four numbers of an attitude have one floor: what each shows of the same noise depends on the orientation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

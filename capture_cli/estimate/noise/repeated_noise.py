@@ -2,8 +2,6 @@
 can do.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.estimate.model_fits import Effort, ModelFits

@@ -7,8 +7,6 @@ start does within a block, and slow noise, too. Once there is a model, only what
 not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

@@ -8,8 +8,6 @@ disturbed line as well; with them a model that lacks nothing is beyond it. No ma
 for one sample alone: what of a position or a velocity stands out by itself is noise, whatever the model lacks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

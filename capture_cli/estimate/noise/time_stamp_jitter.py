@@ -6,8 +6,6 @@ variance that grows with the square of the speed. A delay is the same for all sa
 neither is in differences along the log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -4,8 +4,6 @@ In: `Data`, what was measured with its noise (`linearization`), and where to beg
 best, how well it is determined (`intervals`), and what is left open (`undetermined`). All are driven by ask and tell.
 """
 
-from __future__ import annotations
-
 from capture_cli.common.registry import Registry
 from capture_cli.estimate.solve.base import Identifier
 

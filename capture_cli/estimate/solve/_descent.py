@@ -4,8 +4,6 @@ Nocedal & Wright, Numerical Optimization, 2nd ed., sections 10.3 and 4.1. At eve
 minimized over, window by window, as in variable projection (Golub & Pereyra 1973): F(x) = sum_w min_z f_w(x, z).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -8,8 +8,6 @@ are measured at the outermost place that is not excluded, and those beyond are t
 moves outward.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ The evolution itself is the `cmaes` package. Initial states are eliminated to fi
 measured at the best point every few generations and each candidate is judged by what is left of its residual.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Every ask is one batch: all windows times all finite-difference columns of all d
 best of a random screening.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ log mended where that was asked for. What a log has to be for its task is one ch
 channels and times, whatever the task, is in `log_health` and `log_findings`.
 """
 
-from __future__ import annotations
-
 from capture_cli.common.registry import Registry, with_first
 from capture_cli.log.checks.base import Check
 

@@ -1,7 +1,5 @@
 """What a check is: one thing that may be wrong with a log of a task. One check = one file."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

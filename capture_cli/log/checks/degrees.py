@@ -1,7 +1,5 @@
 """Angles in degrees that are read as radians, and signs that go against each other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import mujoco

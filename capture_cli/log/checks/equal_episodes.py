@@ -1,7 +1,5 @@
 """Episodes that a log has twice: if one of them is held out, it was fitted as well, and tests nothing."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path

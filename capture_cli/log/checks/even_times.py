@@ -1,7 +1,5 @@
 """Time-stamp jitter about the even times at which samples were taken, as where messages are stamped as they arrive."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sample-and-hold: outputs of a slow sensor whose last value a logger repeats until the next."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

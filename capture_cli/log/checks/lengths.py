@@ -1,7 +1,5 @@
 """Windows, samples and steps of the model that do not suit each other."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.log.checks.base import Check, error, warning

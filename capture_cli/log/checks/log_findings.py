@@ -3,8 +3,6 @@
 Severities: "error", the log cannot be used as it is; "warning", results will suffer; "note", good to know.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The health of a measured log in numbers, however damaged it is: timing per episode, values per channel."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from typing import Any
 

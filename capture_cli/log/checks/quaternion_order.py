@@ -1,7 +1,5 @@
 """Attitudes whose columns are not w, x, y, z."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.log.checks.base import Check, warning

@@ -1,7 +1,5 @@
 """Inputs that MuJoCo would clip, and joint positions outside of the range."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Channels that read the same column as another."""
 
-from __future__ import annotations
-
 from capture_cli.log.checks.base import Check, warning
 from capture_cli.model.tasks.base import Channel
 

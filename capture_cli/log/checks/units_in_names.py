@@ -1,7 +1,5 @@
 """Columns whose name ends in another unit than they are read in, with no scale."""
 
-from __future__ import annotations
-
 from capture_cli.log.checks.base import Check, warning
 from capture_cli.model.sensor_units import unit_in_name
 

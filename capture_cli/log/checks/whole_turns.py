@@ -1,7 +1,5 @@
 """Angles that begin anew after a whole turn."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

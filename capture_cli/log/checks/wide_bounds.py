@@ -1,7 +1,5 @@
 """Parameters whose bounds are so wide that a fit may stand still where it begins."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 

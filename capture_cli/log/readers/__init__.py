@@ -3,8 +3,6 @@
 In: the path of a file. Out: a `SourceFile`, which has the names of its columns and reads those that are asked for.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from capture_cli.common.documents import check_file, open_file

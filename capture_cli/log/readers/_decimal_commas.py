@@ -1,7 +1,5 @@
 """What a comma in numbers that are written as text stands for: the decimal point, or the parting of thousands."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 

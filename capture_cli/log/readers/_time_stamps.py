@@ -1,7 +1,5 @@
 """Times that are written as text: as ISO 8601 says, 2026-11-23T10:00:00.005Z, or of a day, 10:00:00.005."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from datetime import date

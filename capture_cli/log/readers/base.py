@@ -1,7 +1,5 @@
 """What a file is that a log comes in: columns of numbers, texts and times by the names in its header."""
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence

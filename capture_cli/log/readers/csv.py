@@ -1,7 +1,5 @@
 """CSV: separated by commas, semicolons or tabs."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What a model may lack: one effect = one file. The file's stem is the effect's public name."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Clocks that do not keep time, as a kernel; and how what they show moved in truth."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.log.windows import at_times

@@ -1,7 +1,5 @@
 """What effects on contacts have in common: the geoms that have a say in them."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Sequence
 from functools import lru_cache

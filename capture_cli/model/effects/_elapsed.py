@@ -1,7 +1,5 @@
 """How long a machine has been running, in a plain loop that simulates one episode."""
 
-from __future__ import annotations
-
 
 class Elapsed:
     """Time, s, since it was first asked: at the first step of an episode."""

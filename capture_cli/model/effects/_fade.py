@@ -1,7 +1,5 @@
 """What changes after a machine is started, until it no longer does: a motor that warms, a battery that sags."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.parameters import Parameter

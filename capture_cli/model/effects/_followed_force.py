@@ -1,7 +1,5 @@
 """Forces that remember: with what one begins inside a log follows from where the log saw the joint before."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 
 import numpy as np

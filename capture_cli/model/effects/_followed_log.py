@@ -1,7 +1,5 @@
 """What a log did before each of its steps: followed through every stretch of it, straight where it was not measured."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 

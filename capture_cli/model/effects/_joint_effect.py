@@ -1,7 +1,5 @@
 """What effects at a hinge or slide joint share."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 
 import mujoco

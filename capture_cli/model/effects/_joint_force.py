@@ -1,7 +1,5 @@
 """What forces and frictions at a joint share: where a kernel's numbers come from, and what it adds to."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from operator import attrgetter
 from typing import ClassVar

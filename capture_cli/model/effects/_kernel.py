@@ -6,8 +6,6 @@ Simulations run it on arrays with one row each. `capture export` pastes its sour
 one simulation and nothing of this package: beside numpy a kernel uses only other kernels and numbers.
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 from collections.abc import Callable, Mapping, Sequence

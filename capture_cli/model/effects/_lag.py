@@ -1,7 +1,5 @@
 """Lags of first and second order, as kernels."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """What is cut off beyond a limit: the kernel, and limits at whose null nothing is."""
 
-from __future__ import annotations
-
 import numpy as np
 
 UNLIMITED = 1e10  # N or N m: of an actuator's forcerange that cuts nothing off

@@ -1,7 +1,5 @@
 """Actuators whose force is linear in the parameters of their gain and bias: neither muscles nor dcmotors."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

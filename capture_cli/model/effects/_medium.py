@@ -1,7 +1,5 @@
 """What effects of the medium that a machine moves in share."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._scales import moving_bodies
 from capture_cli.model.effects.base import GLOBAL, Effect
 

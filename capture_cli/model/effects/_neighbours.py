@@ -1,7 +1,5 @@
 """Joints that follow each other along a chain of bodies."""
 
-from __future__ import annotations
-
 import mujoco
 
 from capture_cli.model.effects._scales import HINGE, SLIDE

@@ -1,7 +1,5 @@
 """A force that repeats: along time, or along a joint's position, by itself or as a share of a motor's."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.common.frozen import frozen

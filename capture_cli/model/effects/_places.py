@@ -1,7 +1,5 @@
 """Names of the places in a model where effects sit, and effects that sit at one object."""
 
-from __future__ import annotations
-
 import json
 from abc import abstractmethod
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """What is added to a number of the model that is never negative."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

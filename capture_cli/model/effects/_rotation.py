@@ -1,7 +1,5 @@
 """Rotations of whole arrays of vectors; a rotation by nothing changes no bit."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.common.frozen import frozen

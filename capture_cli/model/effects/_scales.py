@@ -3,8 +3,6 @@
 They set ranges, not values. A range has to hold the truth and should not be wider by orders of magnitude.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import mujoco

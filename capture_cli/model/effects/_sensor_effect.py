@@ -1,7 +1,5 @@
 """What effects on a sensor's reports share: which sensors there are, and their units."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """What sensors behind a low-pass filter share: what the filter remembers where a simulation begins."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What sits elsewhere on a body than modelled: how an effect moves it, along the axes on which it shows."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Two springs side by side, which are one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """What effects along a tendon share."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import mujoco

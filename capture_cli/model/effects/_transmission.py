@@ -1,7 +1,5 @@
 """Between a motor and the joint that it drives: sites, parameters, and encoders that are the motor's."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Sequence, Set
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """How a body can turn: about one axis alone, along which nothing that is fixed to it shows where it sits."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

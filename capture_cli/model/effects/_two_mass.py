@@ -1,7 +1,5 @@
 """A rotor and a link that are not one: the physics that compliance and backlash share."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An actuator that gives less than its servo asks for: MuJoCo's forcerange."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Play between a motor and what it drives."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._scales import characteristic_force

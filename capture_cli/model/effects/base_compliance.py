@@ -1,7 +1,5 @@
 """A machine that stands on something that gives: a table, a stand, a vehicle on its springs."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import mujoco

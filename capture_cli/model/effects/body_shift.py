@@ -1,7 +1,5 @@
 """A body that is fixed elsewhere to the one before it than modelled: a link of another length."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """A force that repeats with position: a motor's cogging, a gear's teeth."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._periodic_force import AlongPosition
 from capture_cli.model.parameters import Parameter
 

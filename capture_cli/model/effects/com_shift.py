@@ -1,7 +1,5 @@
 """A centre of mass that lies elsewhere than modelled."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._scales import moving_bodies
 from capture_cli.model.effects._shift import Shift
 from capture_cli.model.effects._turning_axes import turning_joints

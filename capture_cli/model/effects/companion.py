@@ -1,7 +1,5 @@
 """The module that `capture export` writes beside a model: its effects for a plain loop, without this package."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import re
@@ -232,7 +230,6 @@ Depends on mujoco and numpy only:
     reported = effects.sense(model, np.array(recorded)){rows}
 """
 
-from __future__ import annotations
 
 {kernels}
 

@@ -1,7 +1,5 @@
 """A transmission that gives: a belt, a long shaft, a harmonic drive."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.common.frozen import frozen

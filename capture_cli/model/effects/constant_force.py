@@ -1,7 +1,5 @@
 """A force that is always there."""
 
-from __future__ import annotations
-
 import mujoco
 
 from capture_cli.model.effects._kernel import Companion, number

@@ -1,7 +1,5 @@
 """Friction of what touches: MuJoCo's geom and pair friction."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._contacts import ContactEffect

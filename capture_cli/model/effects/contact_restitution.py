@@ -1,7 +1,5 @@
 """How much a collision gives back: the damping of MuJoCo's contacts."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._contacts import ContactEffect

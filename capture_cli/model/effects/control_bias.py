@@ -1,7 +1,5 @@
 """A control with an offset."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._actuator_effect import UNIT, ActuatorEffect
 from capture_cli.model.parameters import Parameter
 

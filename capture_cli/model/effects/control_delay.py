@@ -1,7 +1,5 @@
 """A control that arrives late."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect

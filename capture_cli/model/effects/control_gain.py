@@ -1,7 +1,5 @@
 """A control that arrives larger or smaller than commanded."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._actuator_effect import ActuatorEffect
 from capture_cli.model.parameters import Parameter
 

@@ -1,7 +1,5 @@
 """A motor that gives less, the hotter its own current has made it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.common.frozen import frozen

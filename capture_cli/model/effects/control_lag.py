@@ -1,7 +1,5 @@
 """A control that arrives through a first-order filter: the windings of a motor, a current controller."""
 
-from __future__ import annotations
-
 from capture_cli.common.frozen import frozen
 from capture_cli.common.recursive_filter import recursion
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect

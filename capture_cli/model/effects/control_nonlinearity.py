@@ -1,7 +1,5 @@
 """A drive whose force does not grow in proportion to its control."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._actuator_effect import UNIT, ActuatorEffect, without_target

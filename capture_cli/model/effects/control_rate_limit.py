@@ -1,7 +1,5 @@
 """A control that cannot jump."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.common.frozen import frozen

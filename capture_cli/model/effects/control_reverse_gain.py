@@ -1,7 +1,5 @@
 """A control that arrives larger or smaller in reverse."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._actuator_effect import ActuatorEffect

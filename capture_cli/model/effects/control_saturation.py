@@ -1,7 +1,5 @@
 """A control that is cut off earlier than modelled."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._actuator_effect import UNIT, ActuatorEffect
 from capture_cli.model.effects._limited import saturated, unlimited_at
 from capture_cli.model.parameters import Parameter

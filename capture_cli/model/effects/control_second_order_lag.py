@@ -1,7 +1,5 @@
 """A control that is followed like a damped spring: an arm behind an impedance or operational-space controller."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.common.frozen import frozen

@@ -1,7 +1,5 @@
 """Actuators on one supply, whose voltage drops with what all of them draw."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Dry friction of constant size: MuJoCo's frictionloss."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.effects._raised import Raised
 

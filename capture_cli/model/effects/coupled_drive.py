@@ -1,7 +1,5 @@
 """A motor whose force acts on the joint before its own, too: a cable that runs over it, a differential."""
 
-from __future__ import annotations
-
 import mujoco
 
 from capture_cli.model.effects._joint_force import FORCE, JointForce

@@ -1,7 +1,5 @@
 """A spring over two joints: a hose, a bundle of cables, an elastic tendon."""
 
-from __future__ import annotations
-
 import mujoco
 
 from capture_cli.model.effects._joint_effect import JointEffect

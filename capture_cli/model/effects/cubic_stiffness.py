@@ -1,7 +1,5 @@
 """A spring that hardens or softens: the cubic term of MuJoCo's stiffness polynomial."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.parameters import Parameter
 

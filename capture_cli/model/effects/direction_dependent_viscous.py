@@ -1,7 +1,5 @@
 """Viscous friction that differs with the direction of motion, as on a worn screw."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._joint_force import DAMPING, JointForce

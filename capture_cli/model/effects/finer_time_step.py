@@ -1,7 +1,5 @@
 """Steps shorter than the model's."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects.base import Effect
 
 

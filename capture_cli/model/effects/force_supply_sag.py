@@ -1,7 +1,5 @@
 """Actuators on one supply, whose voltage drops with the forces that all of them give."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

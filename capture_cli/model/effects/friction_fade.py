@@ -1,7 +1,5 @@
 """Friction that falls, or grows, the longer the machine runs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._elapsed import Elapsed

@@ -1,7 +1,5 @@
 """Dry friction that holds, where MuJoCo's gives way a little: the softness of frictionloss."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._joint_effect import JointEffect

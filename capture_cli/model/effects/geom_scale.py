@@ -1,7 +1,5 @@
 """Geoms that are larger or smaller than modelled."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Gravity of another size."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects.base import GLOBAL, Effect
 from capture_cli.model.parameters import Parameter
 

@@ -1,7 +1,5 @@
 """Gravity of another direction: a machine or a table that does not stand level."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

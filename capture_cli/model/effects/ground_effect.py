@@ -1,7 +1,5 @@
 """A rotor near the floor lifts more than one high above it."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Dry friction that builds up over a distance: pre-sliding, a harmonic drive, a seal, a cable over pulleys."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.log.turning_points import WaysBefore

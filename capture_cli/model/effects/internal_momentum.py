@@ -1,7 +1,5 @@
 """A part that spins inside a body: a fan, a spindle, a reaction wheel, the rotors of a drone that do not cancel."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import mujoco

@@ -1,7 +1,5 @@
 """A spring at a joint: MuJoCo's joint stiffness."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.effects._raised import Raised
 

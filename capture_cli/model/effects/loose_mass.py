@@ -1,7 +1,5 @@
 """Something inside that is not fixed: a liquid that sloshes, a load that swings, a part on soft mounts."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._joint_force import INERTIA, JointForce, gives_way, inertia_felt

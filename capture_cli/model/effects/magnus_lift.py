@@ -1,7 +1,5 @@
 """Lift on what spins as it flies."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

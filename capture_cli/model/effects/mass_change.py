@@ -1,7 +1,5 @@
 """A body that loses or gains mass as it works: a tank, a can, a hopper, a spool."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._elapsed import Elapsed

@@ -1,7 +1,5 @@
 """The viscosity of the medium the machine moves in: MuJoCo's linear drag on every body."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._medium import MediumEffect

@@ -1,7 +1,5 @@
 """A spring that is there on one side of a position: a bumper, a cable that goes taut, a soft end stop."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._joint_force import JointForce

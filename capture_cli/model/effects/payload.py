@@ -1,7 +1,5 @@
 """Mass that a body carries and the model does not know of."""
 
-from __future__ import annotations
-
 import itertools
 
 import mujoco

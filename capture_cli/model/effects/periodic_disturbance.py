@@ -1,7 +1,5 @@
 """A force that repeats with time: an unbalanced fan, a machine next door, the mains."""
 
-from __future__ import annotations
-
 from copy import copy
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An effect where it sits in a model, and what it is called there."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from capture_cli.model.effects.base import Effect

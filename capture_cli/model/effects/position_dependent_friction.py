@@ -1,7 +1,5 @@
 """Dry friction that depends on where a joint is: a rough patch, a bent rail."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._joint_force import FRICTION, JointForce

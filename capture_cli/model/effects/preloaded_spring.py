@@ -1,7 +1,5 @@
 """A spring at a joint that is at rest somewhere else: MuJoCo's joint stiffness and springref."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._joint_effect import SpringEffect

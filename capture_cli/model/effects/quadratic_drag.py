@@ -1,7 +1,5 @@
 """Drag in proportion to the square of speed: the quadratic term of MuJoCo's damping polynomial."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.effects._raised import Raised
 

@@ -1,7 +1,5 @@
 """Inertia of a rotor seen through its gear: MuJoCo's armature."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.effects._raised import Raised
 

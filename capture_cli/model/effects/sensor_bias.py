@@ -1,7 +1,5 @@
 """A sensor with an offset."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._sensor_effect import NumberEffect
 
 

@@ -1,7 +1,5 @@
 """A logger whose clock does not keep time."""
 
-from __future__ import annotations
-
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._clock import off_clock, on_time
 from capture_cli.model.effects._sensor_effect import TimeEffect

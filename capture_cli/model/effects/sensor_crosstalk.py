@@ -1,7 +1,5 @@
 """A sensor that shows a motor's current: a magnetic encoder or a compass beside it, a load cell, a long cable."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import mujoco

@@ -1,7 +1,5 @@
 """A sensor that reports late."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.log.reported_motion import SETTINGS as REPORTED_MOTION

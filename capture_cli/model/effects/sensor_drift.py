@@ -1,7 +1,5 @@
 """A sensor whose offset grows while the machine runs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._sensor_effect import NumberEffect

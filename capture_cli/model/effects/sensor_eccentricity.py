@@ -1,7 +1,5 @@
 """An angle encoder whose disc or magnet is not centred on its axis, or leans."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

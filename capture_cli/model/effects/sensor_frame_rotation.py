@@ -1,7 +1,5 @@
 """A sensor of vectors that is misaligned, or calibrated so; an orientation told in a frame that is turned."""
 
-from __future__ import annotations
-
 import itertools
 
 import mujoco

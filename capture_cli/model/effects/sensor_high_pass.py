@@ -1,7 +1,5 @@
 """A sensor that holds no steady value: a piezo cell with its charge amplifier, an IEPE accelerometer, AC coupling."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._followed_log import measured_stretches

@@ -1,7 +1,5 @@
 """A sensor behind a low-pass filter."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._sensor_filter import SensorFilter

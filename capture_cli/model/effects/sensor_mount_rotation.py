@@ -1,7 +1,5 @@
 """A sensor of orientation, or a device of several sensors, that is misaligned with its body."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

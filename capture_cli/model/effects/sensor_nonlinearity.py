@@ -1,7 +1,5 @@
 """A sensor whose reading bends: a potentiometer, a load cell, a Hall sensor."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._places import site_id

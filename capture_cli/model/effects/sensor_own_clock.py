@@ -1,7 +1,5 @@
 """A sensor, or a device of several, that stamps what it reports by a clock of its own."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

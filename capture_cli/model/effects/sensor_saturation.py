@@ -1,7 +1,5 @@
 """A sensor that reports no more than its range: a gyroscope, an accelerometer, a load cell, a converter."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """A sensor that reports too much or too little."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._sensor_effect import NumberEffect
 from capture_cli.model.parameters import Parameter
 

@@ -1,7 +1,5 @@
 """A sensor behind a low-pass filter of second order: Butterworth, Bessel, an RC filter twice."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._lag import second_order_step

@@ -1,7 +1,5 @@
 """The integral term of a position servo: a PID drive whose model has gains on position and speed alone."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import mujoco

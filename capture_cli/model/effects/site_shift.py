@@ -1,7 +1,5 @@
 """A sensor that is mounted elsewhere on its body than modelled: an IMU, a marker, a tracker."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

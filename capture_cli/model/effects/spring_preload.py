@@ -1,7 +1,5 @@
 """A spring that rests elsewhere: MuJoCo's springref."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._joint_effect import SpringEffect
 from capture_cli.model.parameters import Parameter
 

@@ -1,7 +1,5 @@
 """Dry friction that is larger at rest than in motion."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._joint_force import FRICTION, JointForce

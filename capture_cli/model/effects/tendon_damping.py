@@ -1,7 +1,5 @@
 """Friction along a tendon in proportion to its speed: MuJoCo's damping of it."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._raised import Raised
 from capture_cli.model.effects._tendon_effect import TendonEffect
 

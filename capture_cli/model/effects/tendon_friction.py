@@ -1,7 +1,5 @@
 """Dry friction along a tendon: MuJoCo's frictionloss of it."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._raised import Raised
 from capture_cli.model.effects._tendon_effect import TendonEffect
 

@@ -1,7 +1,5 @@
 """What moves along with a tendon: MuJoCo's armature of it."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

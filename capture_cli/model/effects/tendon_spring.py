@@ -1,7 +1,5 @@
 """A spring along a tendon: MuJoCo's stiffness of it, and the length at which it is at rest."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._side_by_side import side_by_side
 from capture_cli.model.effects._tendon_effect import TendonEffect
 from capture_cli.model.parameters import Parameter

@@ -1,7 +1,5 @@
 """A motor constant that depends on the rotor's angle: mutual torque ripple, a weak phase, an eccentric pulley."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._kernel import Companion, call
 from capture_cli.model.effects._linear_actuators import SCALED, OnJoint
 from capture_cli.model.effects._periodic_force import AlongPosition

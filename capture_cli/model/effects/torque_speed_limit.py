@@ -1,7 +1,5 @@
 """A motor that gives the less, the faster it turns."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.effects._joint_effect import JointEffect

@@ -1,7 +1,5 @@
 """A spring that relaxes: rubber, a belt, a bellows, a gel, a cable with a polymer core."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 

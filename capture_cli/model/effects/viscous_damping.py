@@ -1,7 +1,5 @@
 """Friction in proportion to speed: MuJoCo's joint damping."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.effects._raised import Raised
 

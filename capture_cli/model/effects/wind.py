@@ -1,7 +1,5 @@
 """A medium that moves: MuJoCo's wind."""
 
-from __future__ import annotations
-
 from capture_cli.model.effects._medium import MediumEffect
 from capture_cli.model.parameters import Parameter
 

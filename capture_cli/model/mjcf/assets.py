@@ -3,8 +3,6 @@
 A model that is attached has folders of its own for them, which MuJoCo leaves out when it writes all as one file.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Container, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Principal moments of inertia that no body has: however its mass is spread, none is more than the others together."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Work on what a stranger may have made, in a copy of this process that may take so much time and memory, no more."""
 
-from __future__ import annotations
-
 import faulthandler
 import json
 import math

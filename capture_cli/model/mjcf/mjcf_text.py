@@ -1,7 +1,5 @@
 """An MJCF as it is written: numbers that are none, and counts that no machine has, by element, attribute and line."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Writing a model with its identified values back to MJCF, to full precision."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The one place where a model of the user's own is compiled: what is wrong with it is said before any work."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Collection, Iterator

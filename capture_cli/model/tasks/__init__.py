@@ -1,7 +1,5 @@
 """The known world: one task = one file. A user's own machine is a task.toml beside an MJCF (`mjcf_file.py`)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from capture_cli.common.registry import Registry

@@ -4,8 +4,6 @@ Lengths along the rod are in half-lengths (`half_length`): its centre of mass `c
 `scoop_point`, the one component of an action, are both -1 at the left end and 1 at the right one.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """A user's own machine with a reward: an action is a sequence of inputs, from the model's initial state."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.errors import TaskError

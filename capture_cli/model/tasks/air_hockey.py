@@ -6,8 +6,6 @@ the paper's table. The nearer to 0, the livelier: the coefficient of restitution
 (`capture_cli.model.targets.Restitution` has the formula). An action is one stroke of the mallet.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -5,8 +5,6 @@ number of the contact's `solref="-stiffness -damping"`, 1/s, as of table air hoc
 straight through the door. The door is robosuite's, and so is its inertia.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """How an input acts between rows, as a task file says it: `interpolate` and `late`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A user's own machine: an MJCF and a `task.toml` that says what is open, what drives it and what was measured."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

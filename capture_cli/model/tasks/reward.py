@@ -1,7 +1,5 @@
 """What an episode of a user's own machine is worth, as `[reward]` of a task.toml says it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Object scooping: find the point of a rod at which it can be lifted in balance (paper, Section IV-A)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.tasks._scooping import SETTINGS as SCOOPING

@@ -1,7 +1,5 @@
 """Object scooping, observed as a distance: not monotonic in the parameter (paper, Appendix)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.model.tasks._scooping import SETTINGS as SCOOPING

@@ -1,7 +1,5 @@
 """A user's own machine as a task of actions: an action is a start and a sequence of inputs, over one window."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

@@ -1,7 +1,5 @@
 """The document and the arrays of a diagnosis, from what explains the log."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

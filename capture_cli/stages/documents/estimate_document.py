@@ -1,7 +1,5 @@
 """The document and the arrays of an estimate, from what was found: errors, intervals, verdict, recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

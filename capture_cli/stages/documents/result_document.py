@@ -1,7 +1,5 @@
 """What the documents and arrays of an estimate and of a diagnosis have in common."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

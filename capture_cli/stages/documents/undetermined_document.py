@@ -1,7 +1,5 @@
 """What the log leaves open of the parameters, as result files have it, in numbers and in a sentence."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

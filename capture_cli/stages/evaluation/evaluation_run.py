@@ -1,7 +1,5 @@
 """One evaluation: identifiers against each other on the same pairs (paper, Section IV-C)."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from pathlib import Path

@@ -4,8 +4,6 @@ A cell is one evaluation: the tables of Section IV-C, the same under noise and w
 (Appendix), and the ablations over the length L of histories and the window k.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

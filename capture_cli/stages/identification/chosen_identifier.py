@@ -1,7 +1,5 @@
 """Which identifier `identify` uses: one by name, one of a checkpoint directory, or the one shipped for the task."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How `identify` finds its point: by physics alone, or in rounds over the log's episodes and then by physics."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 

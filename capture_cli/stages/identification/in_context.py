@@ -1,7 +1,5 @@
 """Rounds over a log (paper, Algorithm 2): what a learned identifier makes of its episodes, before physics does."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

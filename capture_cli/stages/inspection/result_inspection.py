@@ -1,7 +1,5 @@
 """What a folder holds that a command wrote as its result (an estimate, a checkpoint, an evaluation), and its health."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A single file that `capture inspect` is given: a proposal of `capture`, or what other command reads it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a run that was interrupted has left beside its output (`.NAME.unfinished`), and how to go on."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from capture_cli.context.checkpoints.training_state import METRICS, read_state

@@ -1,7 +1,5 @@
 """An estimate that a command goes on from: what it was made with, and whether it is of the task and the log at hand."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The task that a log, an estimate or a diagnosis belongs to, found again, and whether its model is what it was."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path
