@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
@@ -125,6 +125,38 @@ def _recording_names(files: Sequence[Path]) -> list[str]:
     return [f.name for f in files]  # run.csv and run.parquet in one folder
 
 
+@dataclass(frozen=True)
+class _Steps:
+    """What is read of a file: data (step, column), the first column of which is the time, and ends (episode,).
+
+    columns: their names in the file. rows (step,): of the file, that they stand in.
+    """
+
+    source: SourceFile
+    task: Task
+    columns: Sequence[str]
+    data: np.ndarray
+    ends: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def time(self) -> np.ndarray:
+        """(step,)."""
+        return self.data[:, 0]
+
+    @property
+    def begins(self) -> np.ndarray:
+        """The first steps of episodes (episode,)."""
+        return np.array([0, *self.ends[:-1]])
+
+    def place(self, step: int) -> str:
+        """Where a step stands in the file, for a message."""
+        return self.source.place(self.rows[step])
+
+    def error(self, what: str, cure: str) -> LogError:
+        return LogError(f"{self.source.path}: {what}", cure=cure)
+
+
 def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLogOptions) -> MeasuredLog:
     channels = (*task.inputs, *task.outputs)
     columns = [task.log.time, *(c.column for c in channels)]
@@ -141,7 +173,6 @@ def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLo
     dropped = len(data) - len(rows)
     kept = rows if not options.drop_repeats else rows[~_repeats(data[rows], labels[rows])]
     repeated, rows = len(rows) - len(kept), kept
-    actions = None if actions is None else actions[rows]
     data, labels = data[rows], labels[rows]
     if not len(data):
         raise LogError(
@@ -149,15 +180,17 @@ def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLo
             cure="correct the file, or leave it out",
         )
     ends = np.append(np.flatnonzero(labels[1:] != labels[:-1]) + 1, len(labels))
-    _check_episodes(source, data, ends, rows, task)
+    steps = _Steps(source, task, columns, data, ends, rows)
+    _check_episodes(steps)
     if actions is not None:
-        _check_one_action_each(source, actions, ends, rows, task)
-    _unwrap(data, ends, task)
+        actions = actions[rows]
+        _check_one_action_each(steps, actions)
+    _unwrap(steps)
     scale = np.array([task.log.time_scale, *(c.scale for c in channels)])
     offset = np.array([0.0, *(c.offset for c in channels)])
     with np.errstate(over="ignore"):
-        data = data * scale + offset
-    _check_in_si(source, data, columns, ["s", *(c.unit for c in channels)], rows)
+        steps = replace(steps, data=steps.data * scale + offset)
+    _check_in_si(steps)
     described = {
         "name": name,
         "source": str(source.path),
@@ -177,10 +210,10 @@ def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLo
         task,
         described,
         ends,
-        time=data[:, 0],
-        inputs=data[:, 1 : 1 + len(task.inputs)],
-        outputs=data[:, 1 + len(task.inputs) :],
-        actions=None if actions is None else actions[[0, *ends[:-1]]],
+        time=steps.time,
+        inputs=steps.data[:, 1 : 1 + len(task.inputs)],
+        outputs=steps.data[:, 1 + len(task.inputs) :],
+        actions=None if actions is None else actions[steps.begins],
         path=source.path,
         sparse=frozenset(c.name for c in task.outputs if c.sparse),
     )
@@ -309,76 +342,72 @@ def _labels(source: SourceFile, rows: int, task: Task) -> np.ndarray:
     return np.array(source.labels(task.log.episode), dtype=object)
 
 
-def _check_episodes(
-    source: SourceFile, data: np.ndarray, ends: np.ndarray, rows: np.ndarray, task: Task
-) -> None:
-    """Raise LogError where an episode has a single row, or its time, the first of data (step, column), stands still."""
-    starts = np.array([0, *ends[:-1]])
-    short = np.flatnonzero(ends - starts < SETTINGS.least_steps)
+def _check_episodes(steps: _Steps) -> None:
+    """Raise LogError where an episode has a single row, or its time stands still."""
+    short = np.flatnonzero(steps.ends - steps.begins < SETTINGS.least_steps)
     if short.size:
-        column = task.log.episode
-        raise LogError(
-            f"{source.path}: {short.size} of {len(ends)} episodes have a single row, "
-            f"the first at {source.place(rows[starts[short[0]]])}",
+        column = steps.task.log.episode
+        raise steps.error(
+            f"{short.size} of {len(steps.ends)} episodes have a single row, "
+            f"the first at {steps.place(steps.begins[short[0]])}",
             cure="record longer, or remove those rows"
             if column is None
             else f"sort the rows by {column!r}, or correct [log] episode: an episode begins where it changes",
         )
-    interval = np.diff(data[:, 0])
-    interval[ends[:-1] - 1] = np.inf  # from one episode to the next the clock may do what it likes
+    interval = np.diff(steps.time)
+    interval[steps.ends[:-1] - 1] = np.inf  # from one episode to the next the clock may do what it likes
     back = np.flatnonzero(interval <= 0)
     if back.size:
-        raise _not_increasing(source, data, rows, back, task)
+        raise _not_increasing(steps, back)
 
 
-def _check_one_action_each(
-    source: SourceFile, actions: np.ndarray, ends: np.ndarray, rows: np.ndarray, task: ActionTask
-) -> None:
+def _check_one_action_each(steps: _Steps, actions: np.ndarray) -> None:
     """Raise LogError where an action (step, action) changes inside an episode: several episodes may have become one."""
-    begins = np.array([0, *ends[:-1]])
+    task, begins, ends = steps.task, steps.begins, steps.ends
     changed = np.argwhere(actions != np.repeat(actions[begins], ends - begins, axis=0))
     if changed.size:
-        row, k = changed[0]
-        begin = begins[np.searchsorted(ends, row, side="right")]
+        step, k = changed[0]
+        begin = begins[np.searchsorted(ends, step, side="right")]
         name = f"action.{task.actions.names[k]}"
-        raise LogError(
-            f"{source.path}: column {name!r} is {actions[begin, k]:.6g} at {source.place(rows[begin])} and "
-            f"{actions[row, k]:.6g} at {source.place(rows[row])}, in one episode, which has one action",
+        raise steps.error(
+            f"column {name!r} is {actions[begin, k]:.6g} at {steps.place(begin)} and "
+            f"{actions[step, k]:.6g} at {steps.place(step)}, in one episode, which has one action",
             cure="part the episodes by a column, or write the action of an episode into every row of it"
             if task.log.episode is None
             else f"correct the column {task.log.episode!r}: an episode begins where it changes",
         )
 
 
-def _unwrap(data: np.ndarray, ends: np.ndarray, task: Task) -> None:
-    """Make outputs that begin anew after a period go on, in each episode of data (step, column)."""
+def _unwrap(steps: _Steps) -> None:
+    """Make outputs that begin anew after a period go on, in each episode."""
+    data, task = steps.data, steps.task
     for k, channel in enumerate(task.outputs, start=1 + len(task.inputs)):
         if channel.period is not None:
-            for episode in slices_until(ends):
-                steps = episode.start + np.flatnonzero(~np.isnan(data[episode, k]))
+            for episode in slices_until(steps.ends):
+                sampled = episode.start + np.flatnonzero(~np.isnan(data[episode, k]))
                 # by whole periods: an encoder's steps stay where they are
-                turns = np.unwrap(data[steps, k], period=channel.period) - data[steps, k]
-                data[steps, k] += channel.period * np.rint(turns / channel.period)
+                turns = np.unwrap(data[sampled, k], period=channel.period) - data[sampled, k]
+                data[sampled, k] += channel.period * np.rint(turns / channel.period)
 
 
-def _not_increasing(source: SourceFile, data: np.ndarray, rows: np.ndarray, back: np.ndarray, task: Task):
+def _not_increasing(steps: _Steps, back: np.ndarray) -> LogError:
     """The error for a time that does not increase after the steps `back`."""
-    time = data[:, 0]
-    before, after = float(time[back[0]]), float(time[back[0] + 1])
+    column = steps.task.log
+    before, after = float(steps.time[back[0]]), float(steps.time[back[0] + 1])
     how = "stands still" if after == before else "goes back"
-    here, there = source.place(rows[back[0] + 1]), source.place(rows[back[0]])
-    unit = " s" if task.log.time_scale == 1 else ""  # as written in the file
+    here, there = steps.place(back[0] + 1), steps.place(back[0])
+    unit = " s" if column.time_scale == 1 else ""  # as written in the file
     more = "" if back.size == 1 else f"; it happens {back.size} times"
-    return LogError(
-        f"{source.path}: column {task.log.time!r} {how} at {here}: "
+    return steps.error(
+        f"column {column.time!r} {how} at {here}: "
         f"{_written(after)}{unit} after {_written(before)}{unit} at {there}{more}",
-        cure=_cure_of_times(data, back, task),
+        cure=_cure_of_times(steps, back),
     )
 
 
-def _cure_of_times(data: np.ndarray, back: np.ndarray, task: Task) -> str:
-    """What to do about a time, the first of data (step, column), that does not increase after the steps `back`."""
-    time = data[:, 0]
+def _cure_of_times(steps: _Steps, back: np.ndarray) -> str:
+    """What to do about a time that does not increase after the steps `back`."""
+    time, task = steps.time, steps.task
     resolution = _lost_in_single_precision(time, task)
     if resolution is not None:
         unit = " s" if task.log.time_scale == 1 else ""
@@ -386,7 +415,7 @@ def _cure_of_times(data: np.ndarray, back: np.ndarray, task: Task) -> str:
             f"the times have too few digits for their size: single precision (float32) tells times about {time[0]:.6g} "
             f"only {resolution:.4g}{unit} apart; export them in double precision, or from the start of the recording"
         )
-    if _alike(data[back], data[back + 1]).all():
+    if _alike(steps.data[back], steps.data[back + 1]).all():
         return "add --drop-repeats: there the file has the same row twice"
     still = int((time[back + 1] == time[back]).sum())
     if still > SETTINGS.mostly_still * len(time):
@@ -426,26 +455,23 @@ def _written(time: float) -> str:
     return f"{time:.0f}" if time.is_integer() and abs(time) >= SETTINGS.largest_plain else repr(time)
 
 
-def _check_in_si(
-    source: SourceFile, data: np.ndarray, columns: Sequence[str], units: Sequence[str], rows: np.ndarray
-) -> None:
-    """Raise LogError where one of data (step, column) overflows, or is too large to be measured; the first column is
-    the time.
-    """
-    bad = np.argwhere(np.isinf(data))
+def _check_in_si(steps: _Steps) -> None:
+    """Raise LogError where one of the data overflows, or is too large to be measured."""
+    bad = np.argwhere(np.isinf(steps.data))
     if bad.size:
-        row, k = bad[0]
-        raise LogError(
-            f"{source.path}: scale * column + offset overflows for {columns[k]!r} at {source.place(rows[row])}",
+        step, k = bad[0]
+        raise steps.error(
+            f"scale * column + offset overflows for {steps.columns[k]!r} at {steps.place(step)}",
             cure="correct the value, or scale and offset in the task.toml",
         )
-    huge = np.argwhere(np.abs(data[:, 1:]) > DOCUMENTS.largest)
+    huge = np.argwhere(np.abs(steps.data[:, 1:]) > DOCUMENTS.largest)  # a time may be
     if not huge.size:
         return
-    row, k = huge[0][0], huge[0][1] + 1
-    scaled = with_unit(f"{data[row, k]:.4g}", units[k])
-    raise LogError(
-        f"{source.path}: column {columns[k]!r} comes to {scaled} at {source.place(rows[row])} "
+    step, k = huge[0]
+    channel = (*steps.task.inputs, *steps.task.outputs)[k]
+    scaled = with_unit(f"{steps.data[step, 1 + k]:.4g}", channel.unit)
+    raise steps.error(
+        f"column {channel.column!r} comes to {scaled} at {steps.place(step)} "
         f"({len(huge)} such values), too large to be a measurement: {DOCUMENTS.largest:g} is the most",
         cure="correct the value, or scale and offset in the task.toml; if it marks what was not measured, leave the "
         "cell empty and add --drop-nan",
