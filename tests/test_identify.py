@@ -22,7 +22,8 @@ from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.report import diagnosis_findings, findings
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as stage
-from capture_cli.stages.documents.estimate_document import Report, _agreement
+from capture_cli.stages.documents.agreement import agreement
+from capture_cli.stages.documents.estimate_document import Report
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier
 from capture_cli.stages.record import record
 from capture_cli.store.diagnosis import DiagnosisRecord
@@ -561,10 +562,10 @@ def test_recordings_disagree_by_what_matters(values, low, said):
     space = ParameterSpace([Parameter("friction", "N m", low, 1.0, 0.5)])
     sd = np.full((2, 1), 1e-6)
     joint = SimpleNamespace(identifiable=np.array([True]))
-    found = _agreement(["a", "b"], np.array(values)[:, None], sd, 1e4, space, joint)["document"]
-    assert found["parameters"]["friction"]["p_value"] < 1e-9
-    assert found["agree"] is (said is None)
-    assert said is None or re.search(said, found["text"])
+    found = agreement(["a", "b"], np.array(values)[:, None], sd, 1e4, space, joint)
+    assert found.p_values[0] < 1e-9
+    assert found.agree is (said is None)
+    assert said is None or re.search(said, found.text)
 
 
 @pytest.mark.parametrize(

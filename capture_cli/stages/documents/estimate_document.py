@@ -24,9 +24,9 @@ from capture_cli.estimate.solve.least_squares import SETTINGS as LEAST_SQUARES
 from capture_cli.estimate.time_step import shorter_step
 from capture_cli.model.coordinate_sources import unmeasured_joints
 from capture_cli.model.effects.ranges import effect_rows
-from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.report.findings import behind, beyond_chance, not_alike
+from capture_cli.stages.documents.agreement import Agreement, agreement
 from capture_cli.stages.documents.result_document import (
     FoundPoint,
     Judged,
@@ -114,7 +114,7 @@ class Report:
         models = [PredictingModel(name, (), point, corrections) for name, point in points.items()]
         return prediction_errors(self.fits, models)
 
-    def _recordings(self, joint: Intervals):
+    def _recordings(self, joint: Intervals) -> Agreement | None:
         """The estimate of each fitted recording alone, from the joint one on; None for a single recording."""
         fit = self.result.part
         fitted = np.unique(fit.recording)
@@ -140,10 +140,10 @@ class Report:
         if len(alone) < 2:
             return None
         values, sds = np.array([f.point for f in fits]), np.array([intervals(f.at).sd for f in fits])
-        found = _agreement(alone, values, sds, sum(gains), self.space, joint)
+        found = agreement(alone, values, sds, sum(gains), self.space, joint)
         left_out = [names[n] for n in fitted if names[n] not in alone]
         if left_out:
-            found["document"]["text"] += f"; nothing is known of {', '.join(left_out)} alone"
+            found = replace(found, text=f"{found.text}; nothing is known of {', '.join(left_out)} alone")
         return found
 
     def _gain(self, part: PreparedLog, own: Fit) -> float:
@@ -186,7 +186,7 @@ class Report:
             "unmeasured_joints": _unmeasured_joints(prepared.task),
             "open_loops": dict(prepared.initial.open_loops),
             "correlation": _correlation(found.covariance).tolist(),
-            "recordings": None if recordings is None else recordings["document"],
+            "recordings": None if recordings is None else recordings.document(self.space),
             "rounds": [
                 {"parameters": self.space.to_dict(b.parameters), "error": float(b.error)}
                 for b in self.history
@@ -240,62 +240,9 @@ class Report:
             values = (rounds.parameters, rounds.actions, rounds.simulated, rounds.measured)
             arrays |= {name: a[0] for name, a in zip(HISTORY, values, strict=True)}
         if recordings is not None:
-            arrays["parameter/recordings"] = recordings["values"]
-            arrays["parameter/recordings_sd"] = recordings["sd"]
+            arrays["parameter/recordings"] = recordings.values
+            arrays["parameter/recordings_sd"] = recordings.sd
         return arrays
-
-
-def _agreement(
-    names, values: np.ndarray, sd: np.ndarray, gain: float, space: ParameterSpace, joint: Intervals
-) -> dict:
-    """Do the recordings agree? Cochran's Q per parameter, over the estimates that a recording determines, where they
-    differ by what matters.
-
-    gain: of the objective, by fits to each alone. Where that is no more than chance they do, whatever Q says: friction
-    that holds makes the error rough, and a fit to little data ends beside where its sensitivities say.
-    """
-    from scipy.special import chdtrc
-
-    parameters, p_values = {}, []
-    spreads = [_spread(values[:, i], p) for i, p in enumerate(space)]
-    # Of the value: of recordings that are as quiet as a simulation chance allows less than any use of a model
-    # notices, and less than its time step and the shape of its laws are good for.
-    matters = 0.01
-    for i, name in enumerate(space.names):
-        weight = 1 / np.square(sd[:, i])
-        mean = (weight * values[:, i]).sum() / weight.sum()
-        p = float(chdtrc(len(values) - 1, (weight * np.square(values[:, i] - mean)).sum()))
-        p_values.append(p if joint.identifiable[i] and spreads[i][0] > matters else 1.0)
-        parameters[name] = {"values": values[:, i].tolist(), "sd": sd[:, i].tolist(), "p_value": p}
-    by_chance = float(chdtrc((len(values) - 1) * len(space), max(gain, 0.0)))
-    disagree_p = 0.01  # of all parameters together, Bonferroni
-    agree = max(min(p_values) * len(p_values), by_chance) > disagree_p
-    worst = int(np.argmin(p_values))
-    share, of = spreads[worst]
-    text = (
-        f"The {len(names)} recordings agree"
-        if agree
-        else f"The {len(names)} recordings disagree, most about {space.names[worst]} "
-        f"(spread {significant(100 * share, 2)} % {of}, p = {min(p_values):.1g}): it changed between them, or "
-        "stands in for something that did"
-    )
-    return {
-        "values": values,
-        "sd": sd,
-        "document": {"names": names, "agree": bool(agree), "parameters": parameters, "text": text},
-    }
-
-
-def _spread(values: np.ndarray, parameter: Parameter) -> tuple[float, str]:
-    """The spread of the values (recording,) as a share of their mean, and the words for that.
-
-    Of the bounds' span where the value is so near to 0, which it may be, that no share of it means anything.
-    """
-    value = abs(values.mean())
-    near_zero = 1e-3  # of the bounds' span: ten of a fit's finite differences
-    if parameter.low <= 0 <= parameter.high and value < near_zero * parameter.span:
-        return float(np.ptp(values) / parameter.span), "of its bounds' span"
-    return float(np.ptp(values) / value), "of its value"
 
 
 def _verdict(found: Intervals, leaves: bool) -> str:
