@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from held_inputs import held_machine
 from inspecting import inspect
+from setting_numbers import set_numbers
 
 from capture_cli.errors import FitError, OptionError, OutputError
 from capture_cli.select import search as attribution
@@ -107,7 +108,7 @@ def test_it_goes_on_to_the_same_bytes(asked, whole, tmp_path, monkeypatch):
 
 def test_what_does_not_fit_into_the_room_is_made_again(asked, whole, tmp_path, monkeypatch):
     out, (uninterrupted, steps) = tmp_path / "d", whole
-    monkeypatch.setattr(StepFiles.__init__, "__defaults__", (2e5,))
+    set_numbers(monkeypatch, "capture_cli.stages.search_checkpoint", most=2e5)
     interrupted(out, asked, after=steps - 5)
     kept = list((unfinished(out) / STEPS).iterdir())
     assert 0 < len(kept) < steps - 5

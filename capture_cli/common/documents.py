@@ -46,16 +46,13 @@ _CONTROL = re.compile(r"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]")
 Place = tuple[Any, Any] | None  # (the place of what it is in, its own key there)
 
 
-def read_toml(
-    path: Path, raises: type[CaptureError], *, called: str | None = None, cure: str = CORRECT
-) -> dict[str, Any]:
+def read_toml(path: Path, raises: type[CaptureError], *, called: str | None = None) -> dict[str, Any]:
     """The table in the file at `path`, which messages name as `called`. Raises `raises` for what is none."""
-
     where = called or str(path)
     text = read_text(path, raises, most=SETTINGS.largest_toml, called=called)
     if found := _LONG_KEY.search(text):
-        raise _too_deep(f"{where}, line {_line(text, found)}", raises, cure)
-    return _parsed("TOML", text, where, raises, cure)
+        raise _too_deep(f"{where}, line {_line(text, found)}", raises, CORRECT)
+    return _parsed("TOML", text, where, raises, CORRECT)
 
 
 def read_json(path: Path, raises: type[CaptureError], *, cure: str) -> Any:

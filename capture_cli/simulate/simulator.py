@@ -267,7 +267,7 @@ class Simulator:
         initial: InitialStates,
         parameters: np.ndarray,
         corrections: np.ndarray,
-        reported: ReportedMotion | None = None,
+        reported: ReportedMotion | None,
     ) -> Simulated:
         """As `simulate`, of candidates that differ little from the first: to first order about it, but for parameters
         of effects that remember.

@@ -319,7 +319,7 @@ def recorded_log(result: Path, recorded: Mapping[str, Any]) -> MeasuredLog:
     )
 
 
-def proposal_csv(document: Mapping[str, Any], result: Path, task: str | None = None) -> str:
+def proposal_csv(document: Mapping[str, Any], result: Path, task: str | None) -> str:
     """The inputs of the proposal `document`, made of `result`, in the columns and units of the log; one row of actions.
 
     Raises CaptureError.

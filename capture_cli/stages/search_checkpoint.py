@@ -41,13 +41,13 @@ ENDS = (
 class StepFiles(Checkpoint):
     """Steps in the files of a folder, each called by its number and a hash of what it follows from.
 
-    Those that would take the folder beyond `most` bytes are not saved, and made again.
+    Those that would take the folder beyond `SETTINGS.most` bytes are not saved, and made again.
     """
 
-    def __init__(self, folder: Path, most: float = SETTINGS.most):
+    def __init__(self, folder: Path):
         self._folder = folder
         self._number = 0
-        self._room = most - sum(path.stat().st_size for path in folder.glob("*.safetensors"))
+        self._room = SETTINGS.most - sum(path.stat().st_size for path in folder.glob("*.safetensors"))
 
     @property
     def anything(self) -> bool:

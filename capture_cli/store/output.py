@@ -66,7 +66,7 @@ class New:
 
 
 @contextmanager
-def new_outputs(*outputs: New, force: bool = False, outdated: Sequence[Path] = ()) -> Iterator[list[Path]]:
+def new_outputs(*outputs: New, force: bool, outdated: Sequence[Path] = ()) -> Iterator[list[Path]]:
     """Where to write each of `outputs`; all of them appear in their places when the block ends without an error.
 
     Until then only hidden siblings exist, so a run that is killed leaves nothing that looks complete; siblings left by
@@ -114,9 +114,7 @@ def new_directory(path: Path, *, force: bool = False) -> Iterator[Path]:
         yield partial
 
 
-def write_texts(
-    texts: Sequence[tuple[Path, str]], *, force: bool = False, outdated: Sequence[Path] = ()
-) -> None:
+def write_texts(texts: Sequence[tuple[Path, str]], *, force: bool, outdated: Sequence[Path] = ()) -> None:
     """Write each text to its path, all of them or none, as `new_outputs` has it."""
     with new_outputs(*(New(path) for path, _ in texts), force=force, outdated=outdated) as files:
         for file, (_, text) in zip(files, texts, strict=True):

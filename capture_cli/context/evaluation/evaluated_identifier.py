@@ -53,10 +53,7 @@ class Evaluated:
 
 
 def load_evaluated(
-    given: Sequence[str],
-    task: ActionTask,
-    spelled_out: Sequence[str] = (),
-    numbers: Mapping[str, int] | None = None,
+    given: Sequence[str], task: ActionTask, spelled_out: Sequence[str], numbers: Mapping[str, int]
 ) -> list[Evaluated]:
     """The identifiers of `--identifier`: each a name, a checkpoint directory, or NAME=DIRECTORY.
 
@@ -66,8 +63,8 @@ def load_evaluated(
     """
     if not given:
         raise OptionError("no --identifier", cure=f"give a checkpoint directory, or {', '.join(by_name())}")
-    found = [_load(text, task, spelled_out, numbers or {}) for text in given]
-    for name in numbers or {}:
+    found = [_load(text, task, spelled_out, numbers) for text in given]
+    for name in numbers:
         if not any(name in e.numbers for e in found):
             takes = ", ".join(n for n, c in REGISTRY.items() if name in c.settable)
             raise OptionError(

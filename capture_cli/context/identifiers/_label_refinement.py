@@ -44,7 +44,7 @@ class LabelRefinement:
         signature: Signature,
         pairs: int,
         simulate: Simulate,
-        error_rate: Callable[[int], float] | None = None,
+        error_rate: Callable[[int], float] | None,
     ):
         self.signature = signature
         self.simulate = simulate

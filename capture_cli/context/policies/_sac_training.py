@@ -84,7 +84,7 @@ class EpisodeVecEnv(VecEnv):
 class SacTrainer(Trainer):
     """Episodes are one step long: the critic learns the reward itself, and nothing is discounted."""
 
-    def __init__(self, simulator: Simulator, settings: TrainingSettings, effects: EffectRanges = NO_EFFECTS):
+    def __init__(self, simulator: Simulator, settings: TrainingSettings, effects: EffectRanges):
         self.settings = settings
         self.task = simulator.task
         self.env = EpisodeVecEnv(simulator, settings.envs, settings.seed, effects)

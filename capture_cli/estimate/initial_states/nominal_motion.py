@@ -16,7 +16,7 @@ def nominal_motion(task: Task, controls: np.ndarray, *, threads: int | None = No
 
 
 def motion_at(
-    task: Task, point: np.ndarray, initial: InitialStates, controls: np.ndarray, *, threads: int | None = None
+    task: Task, point: np.ndarray, initial: InitialStates, controls: np.ndarray, *, threads: int | None
 ) -> Rollouts:
     """Likewise at parameters `point` (parameter,), from `initial` (episode,)."""
     fields = ModelFields(task.model, len(controls))

@@ -36,15 +36,14 @@ def repeats(
     outputs: np.ndarray,
     episodes: Sequence[slice],
     noise_sd: np.ndarray,
-    sampled: np.ndarray | None = None,
+    sampled: np.ndarray,
 ) -> list[list[int]]:
     """Groups of the numbers of two or more episodes with the same times, inputs and start.
 
     time (step,) s; driven_by: what drove each episode, arrays of any shape; outputs (step, output). noise_sd (output,):
-    by how much the first samples may differ. sampled (step, output): where outputs have a sample, everywhere where
-    None. Copies of an episode are no repeats of it.
+    by how much the first samples may differ. sampled (step, output): where outputs have a sample. Copies of
+    an episode are no repeats of it.
     """
-    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
     groups: list[list[int]] = []
     # only episodes that look the same are compared number by number
     by_look: dict[tuple, list[list[int]]] = {}

@@ -64,9 +64,9 @@ class Descent:
         x: np.ndarray,
         corrections: np.ndarray,
         tolerance: float,
-        known: Known | None = None,
+        known: Known | None,
         *,
-        measured: bool = True,
+        measured: bool,
     ):
         # whether first order will do for sensitivities: what jumps has none, and where only ratios are known its error
         # would say how large they are

@@ -31,7 +31,7 @@ class SETTINGS:
     examples: int = 3
 
 
-def log_findings(seen: Inspection, task: Task | None = None) -> list[Finding]:
+def log_findings(seen: Inspection, task: Task | None) -> list[Finding]:
     """Findings on the `episodes` and `channels` of an inspection. task: theirs, where it is known."""
     episodes = seen.episodes
     return [

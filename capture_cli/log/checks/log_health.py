@@ -114,7 +114,7 @@ def quantisation(values: np.ndarray) -> dict[str, float | None]:
 
 
 def spikes(
-    values: np.ndarray, time: np.ndarray, episodes: Sequence[slice], ends: Collection[str] = ()
+    values: np.ndarray, time: np.ndarray, episodes: Sequence[slice], ends: Collection[str]
 ) -> dict[str, Any]:
     """Single finite samples of an output (step,) that stand out from a curve which goes on without them.
 

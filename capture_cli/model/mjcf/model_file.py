@@ -98,12 +98,15 @@ def free_centres(spec: mujoco.MjSpec, names: Collection[str] = ()) -> None:
 
 
 @contextmanager
-def refused(path: Path, cure: str = "correct the MJCF at the place named") -> Iterator[None]:
+def refused(path: Path) -> Iterator[None]:
     """Raise ModelError, with MuJoCo's own words, for whatever MuJoCo raises of the model at `path`."""
     try:
         yield
     except MUJOCO_ERRORS as error:
-        raise ModelError(f"{path} does not compile: {error or type(error).__name__}", cure=cure) from error
+        raise ModelError(
+            f"{path} does not compile: {error or type(error).__name__}",
+            cure="correct the MJCF at the place named",
+        ) from error
 
 
 def refuse_not_finite(path: Path, model: mujoco.MjModel, cure: str) -> None:

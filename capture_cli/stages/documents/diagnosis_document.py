@@ -34,7 +34,7 @@ OUT_OF_TIME = (
 PARTS = {"fit": FIT, "select": SELECT, "test": TEST}
 
 
-def diagnosis_of(found: Explanation, threads: int | None = None) -> Diagnosis:
+def diagnosis_of(found: Explanation, threads: int | None) -> Diagnosis:
     """The diagnosis to write: its document, its arrays and their attributes."""
     fits = ModelFits(found.parts.prepared, threads)
     predicted = prediction_errors(fits, _predicting(found))

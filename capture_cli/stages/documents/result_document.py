@@ -175,7 +175,7 @@ def beyond_fitted_of(prepared: PreparedLog, held: HeldOut) -> dict[str, Any] | N
 
 
 def impossible_inertia_of(
-    task: Task, parameters: np.ndarray, effects: Sequence[tuple[Effect, np.ndarray]] = ()
+    task: Task, parameters: np.ndarray, effects: Sequence[tuple[Effect, np.ndarray]]
 ) -> list[dict[str, Any]]:
     """Bodies that cannot be, at `parameters` (parameter,) of the task and with each effect at its own values."""
     fields = ModelFields(task.model, 1)

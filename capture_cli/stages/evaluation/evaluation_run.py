@@ -57,7 +57,7 @@ def completed(out: Path, plan: EvaluationPlan) -> Evaluation:
     return evaluation
 
 
-def time_left(plan: EvaluationPlan, out: Path, *, resume: bool = False) -> Expected | None:
+def time_left(plan: EvaluationPlan, out: Path, *, resume: bool) -> Expected | None:
     """About how long `carry_out` will take; None where that is not worth saying."""
     parts = _todo(plan, unfinished(out)) if resume else plan.parts()
     return expected([(e, draw) for _, e, draw in parts])

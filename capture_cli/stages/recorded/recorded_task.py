@@ -53,9 +53,7 @@ def recorded_task(result: Path, provenance: Mapping[str, Any], log: str | None =
     return str((unchanged or there)[0])
 
 
-def load_recorded(
-    result: Path, provenance: Mapping[str, Any], task: str | None, log: str | None = None
-) -> Task:
+def load_recorded(result: Path, provenance: Mapping[str, Any], task: str | None, log: str | None) -> Task:
     """The task of `--task`, or else the recorded one. Raises OptionError where its model is not what it was then."""
     found = load_task(task or recorded_task(result, provenance, log))
     if changed := _changed(found.model_path, provenance):
