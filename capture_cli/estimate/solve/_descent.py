@@ -88,7 +88,7 @@ class Descent:
         self._radius = SETTINGS.radius
         self._damping = np.zeros(len(data.initial_sd))
         self._windows: np.ndarray | None = None  # that a trial concerns, where not all
-        self._promised = np.inf
+        self._predicted_gain = np.inf
         self._tried = ()  # the step that windows are asked for again with
         self._failed = 0
         self._vain = 0
@@ -115,9 +115,9 @@ class Descent:
     @property
     def expected(self) -> float:
         """The error that its next step promises by sensitivities that were measured; 0 where they were not."""
-        if self._updates or not np.isfinite(self._promised):
+        if self._updates or not np.isfinite(self._predicted_gain):
             return 0.0
-        return self._error_after(self._promised)
+        return self._error_after(self._predicted_gain)
 
     @property
     def _little(self) -> float:
@@ -248,7 +248,7 @@ class Descent:
         self._failed += not self._updates
         if self._updates:
             self._measure()
-        elif self._promised < self._lost or self._failed == SETTINGS.most_failed:
+        elif self._predicted_gain < self._lost or self._failed == SETTINGS.most_failed:
             self._give_up()
         else:
             moved = float(np.abs(x - self.x).max(initial=0.0))
@@ -328,12 +328,12 @@ class Descent:
         k = self._k
         dx = self._step(self._radius, self._damping)
         corrections = self._at.corrections_after(dx, k, self._damping)
-        self._promised = self._at.predicted_gain(dx, corrections, k)
-        if self._promised < self._little and self._damping.any():  # they may be what holds it back
+        self._predicted_gain = self._at.predicted_gain(dx, corrections, k)
+        if self._predicted_gain < self._little and self._damping.any():  # they may be what holds it back
             self._damping[:] = 0.0
             self._propose()
             return
-        if self._promised < self._little:
+        if self._predicted_gain < self._little:
             self._settle()
             return
         self._trials, self._told = [(np.clip(self.x + dx, 0, 1), corrections)], self._tell_step
