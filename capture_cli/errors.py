@@ -78,8 +78,8 @@ def shortened(message: str) -> str:
     terminal's cursor or changes its colours, as a name from a file may.
     """
     found, newline, cure = "".join(map(_visible, message)).rpartition("\n")
-    if len(cure) > LONGEST_CURE and newline:
-        cure = f"{cure[: LONGEST_CURE - 3]}..."
+    if newline:
+        cure = beginning(cure, LONGEST_CURE)
     return f"{cut(found, LONGEST - len(cure) - len(newline))}{newline}{cure}"
 
 
@@ -89,6 +89,18 @@ def cut(text: str, most: int) -> str:
         return text
     room = (most - len(LEFT_OUT)) // 2
     return f"{text[:room]}{LEFT_OUT}{text[-room:]}"
+
+
+def beginning(text: str, most: int) -> str:
+    """`text` of `most` characters: what it begins with."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def first_of(items: Iterable[object], most: int, count: int | None = None) -> str:
+    """The first `most` items, and how many more there are, of `count` in all: of as many as are given where None."""
+    names = [str(item) for item in items]
+    rest = (len(names) if count is None else count) - len(names[:most])
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest else "")
 
 
 def _visible(character: str) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_cli.common.frozen import frozen
-from capture_cli.errors import CaptureError
+from capture_cli.errors import CaptureError, beginning
 
 
 @frozen
@@ -245,8 +245,7 @@ def _named(place: Place) -> str:
 
 
 def _short(key: str) -> str:
-    shown = key if key.isprintable() else repr(key)[1:-1]
-    return shown if len(shown) <= SETTINGS.shown else f"{shown[: SETTINGS.shown - 3]}..."
+    return beginning(key if key.isprintable() else repr(key)[1:-1], SETTINGS.shown)
 
 
 def _line(text: str, found: re.Match) -> int:

@@ -12,7 +12,7 @@ from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.documents import resolved
 from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import with_unit
-from capture_cli.errors import LogError
+from capture_cli.errors import LogError, first_of
 from capture_cli.estimate.log_requirements import check_fits
 from capture_cli.log.arrays import slices_until
 from capture_cli.log.checks.equal_episodes import refuse_repeated
@@ -280,8 +280,7 @@ def _holes(columns: Sequence[str], bad: np.ndarray) -> str:
     having = [f"{name!r} in {n}" for name, n in sorted(counts.items(), key=lambda c: -c[1]) if n]
     if len(having) < 2:
         return ""
-    more = f" and {len(having) - SETTINGS.most_named} more" if len(having) > SETTINGS.most_named else ""
-    return ": " + ", ".join(having[: SETTINGS.most_named]) + more
+    return f": {first_of(having, SETTINGS.most_named)}"
 
 
 def _cure_of_missing(columns: Sequence[str], missing: np.ndarray, task: Task) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
-from capture_cli.errors import StoreError
+from capture_cli.errors import StoreError, beginning
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,4 @@ def _faults_of_keys(value: dict[str, Any], shape: dict[str, Any], name: str) -> 
 
 
 def _unlike(value: Any, expected: str, name: str) -> str:
-    found = repr(value)
-    if len(found) > DOCUMENTS.shown:
-        found = f"{found[: DOCUMENTS.shown - 3]}..."
-    return f"{name or 'it'} is {found}; expected {expected}"
+    return f"{name or 'it'} is {beginning(repr(value), DOCUMENTS.shown)}; expected {expected}"

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.documents import parse_json
-from capture_cli.errors import OptionError, StoreError
+from capture_cli.errors import OptionError, StoreError, beginning
 from capture_cli.store.document_shape import OBJECT, check_shape
 from capture_cli.store.output import renewed
 from capture_cli.store.tensors import read_arrays, save_arrays
@@ -102,9 +102,7 @@ def _differences(before: Any, now: Any, path: str = "") -> list[str]:
     if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
         pairs = zip(before, now, strict=True)
         return [line for k, pair in enumerate(pairs) for line in _differences(*pair, f"{path}[{k}]")]
-    return [] if before == now else [f"{path} was {_short(before)}, now {_short(now)}"]
-
-
-def _short(value: Any) -> str:
-    shown, text = 60, str(value)  # characters
-    return text if len(text) <= shown else f"{text[: shown - 3]}..."
+    if before == now:
+        return []
+    shown = 60  # characters
+    return [f"{path} was {beginning(str(before), shown)}, now {beginning(str(now), shown)}"]

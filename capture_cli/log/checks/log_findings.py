@@ -3,7 +3,7 @@
 Severities: "error", the log cannot be used as it is; "warning", results will suffer; "note", good to know.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import percent, with_unit
+from capture_cli.errors import first_of
 from capture_cli.log.checks import in_order
 from capture_cli.log.checks.base import Finding, Inspected, error, finding, note, warning
 from capture_cli.log.measured_log import SETTINGS as MEASURED_LOG
@@ -99,7 +100,8 @@ def _jitter(jitter: Mapping[str, Any] | None, channels: Sequence[Mapping[str, An
     ]
     yield warning(
         "time",
-        f"time stamps jitter by {1e3 * jitter['sd']:.3g} ms (sd) about even times: {_listed(smoother, len(smoother))}",
+        f"time stamps jitter by {1e3 * jitter['sd']:.3g} ms (sd) about even times: "
+        f"{first_of(smoother, SETTINGS.examples)}",
         "import the files again with --even-times, or stamp samples where they are measured and not where they arrive",
     )
 
@@ -108,19 +110,13 @@ def _gather(episodes, key: str, describe) -> tuple[int, str, str]:
     """How many over all episodes, where, and the first few described."""
     having = [e for e in episodes if e[key]["count"]]
     count = sum(e[key]["count"] for e in having)
-    places = [describe(p) for e in having for p in e[key]["first"]][: SETTINGS.examples]
+    places = [describe(p) for e in having for p in e[key]["first"]]
     where = _episode(having[0]) if len(having) == 1 else f"{len(having)} episodes"
-    return count, where, _listed(places, count)
+    return count, where, first_of(places, SETTINGS.examples, count)
 
 
 def _episode(episode: Mapping[str, Any]) -> str:
     return f"{episode['recording']}, episode {episode['episode']}"
-
-
-def _listed(items: Iterable[Any], count: int) -> str:
-    items = [str(i) for i in items][: SETTINGS.examples]
-    rest = count - len(items)
-    return ", ".join(items) + (f" and {rest} more" if rest else "")
 
 
 # --- values ---
@@ -135,7 +131,7 @@ def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
     where, is_input = f"{channel['kind']} {channel['name']}", channel["kind"] == "input"
     bad = channel["nan"] + channel["infinite"]
     if bad:
-        steps = _listed((f"step {i}" for i in channel["bad_steps"]), bad)
+        steps = first_of((f"step {i}" for i in channel["bad_steps"]), SETTINGS.examples, bad)
         yield error(
             where,
             f"{bad} values are NaN, infinite or beyond {DOCUMENTS.largest:g}: {steps}",
@@ -164,7 +160,7 @@ def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
         yield finding(
             "note" if is_input else "warning",
             where,
-            f"never changes in {len(still)} of {episodes} episodes: {_listed(still, len(still))}",
+            f"never changes in {len(still)} of {episodes} episodes: {first_of(still, SETTINGS.examples)}",
             "nothing to do, if the machine stood still there; otherwise leave those episodes out",
         )
 
@@ -231,11 +227,12 @@ def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
     out = channel["spikes"]
     if out["count"]:
         count = out["count"]
+        steps = first_of((f"step {i}" for i in out["first"]), SETTINGS.examples, count)
         ends = f" ({out['ends']} of them at an end of an episode)" if out["ends"] else ""
         yield warning(
             where,
             f"{count} single sample{'s stand' if count > 1 else ' stands'} out, by up to "
-            f"{_in_unit(out['largest'], channel)}: {_listed((f'step {i}' for i in out['first']), count)}{ends}",
+            f"{_in_unit(out['largest'], channel)}: {steps}{ends}",
             _cure_of_spikes(task, all_at_ends=out["ends"] == count),
         )
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import bound, percent, scaled_unit, significant, with_unit
+from capture_cli.errors import first_of
 from capture_cli.estimate.held_out import HeldOut
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit
 from capture_cli.estimate.noise.time_stamp_jitter import TimeStampJitter
@@ -253,20 +254,17 @@ def time_stamps_of(prepared: PreparedLog, stamps: TimeStampJitter | None) -> dic
         if sd
     }
     factor, unit = scaled_unit("s", max(sd for sd, _ in off.values()))
-    said = ", ".join(
-        f"{name} by {significant(sd * factor, 2)} {unit}"
-        for name, (sd, _) in list(off.items())[: SETTINGS.most_named]
-    )
-    more = f" and {len(off) - SETTINGS.most_named} more" if len(off) > SETTINGS.most_named else ""
+    said = [f"{name} by {significant(sd * factor, 2)} {unit}" for name, (sd, _) in off.items()]
     even = jitter(prepared.log) is not None
     share = percent(max(share for _, share in off.values()))
     return {
         "outputs": {name: {"sd": sd, "share": share} for name, (sd, share) in off.items()},
         "explained": stamps.explained,
         "text": (
-            f"The noise grows with the speed, as time-stamp jitter makes it: {said}{more} (sd). Up to {share} of the "
-            "noise is that, and may hide what the model lacks. Stamp samples where they are measured, not where they "
-            f"arrive{'; or import these files again with --even-times: that is when they were taken' * even}."
+            "The noise grows with the speed, as time-stamp jitter makes it: "
+            f"{first_of(said, SETTINGS.most_named)} (sd). Up to {share} of the noise is that, and may hide what the "
+            "model lacks. Stamp samples where they are measured, not where they arrive"
+            f"{'; or import these files again with --even-times: that is when they were taken' * even}."
         ),
     }
 
