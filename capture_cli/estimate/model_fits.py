@@ -32,8 +32,8 @@ from capture_cli.estimate.solve.linearization import (
 from capture_cli.estimate.solve.undetermined import is_confounded
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.simulate.engine import Engine
-from capture_cli.simulate.simulator import InitialConditions, Motion, Simulator
+from capture_cli.simulate.engine import Engine, Rollouts
+from capture_cli.simulate.simulator import InitialConditions, Simulator
 
 
 @frozen
@@ -449,7 +449,7 @@ class ModelFits:
         outputs, diverged = part.evaluate(simulator, Trial(points, corrections))
         return data.residual(outputs), diverged.any(axis=1)
 
-    def motion(self, part: PreparedLog, fit: Fit, corrections: np.ndarray | None = None) -> Motion:
+    def motion(self, part: PreparedLog, fit: Fit, corrections: np.ndarray | None = None) -> Rollouts:
         """What happens inside every window of the part, initial states moved by `corrections` (those of the fit where
         None).
         """

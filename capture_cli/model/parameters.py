@@ -93,6 +93,10 @@ class ParameterSpace:
         """Unit-cube coordinates (..., parameter) as values, kept inside the box against rounding."""
         return np.clip(self.low + np.asarray(coordinates, dtype=float) * self.span, self.low, self.high)
 
+    def ranges(self) -> list[dict[str, str | float]]:
+        """As stores have the parameters: name, unit, low and high of each."""
+        return [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high} for p in self.parameters]
+
     def to_dict(self, values: np.ndarray) -> dict[str, float]:
         """One point (parameter,) by name."""
         return {name: float(v) for name, v in zip(self.names, values, strict=True)}

@@ -18,7 +18,8 @@ from capture_cli.select.candidates import Candidate
 from capture_cli.select.expression import ExpressionTerm, formula
 from capture_cli.select.log_parts import TEST, LogParts
 from capture_cli.select.search import Accepted
-from capture_cli.simulate.simulator import InitialConditions, Motion
+from capture_cli.simulate.engine import Rollouts
+from capture_cli.simulate.simulator import InitialConditions
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class Explanation:
     candidates: list[Candidate]
     models: list[JudgedModel]
     sure: Intervals
-    motion: Motion
+    motion: Rollouts
     initial_conditions: InitialConditions
     held_out: HeldOut
     shorter_step: ShorterStep | None

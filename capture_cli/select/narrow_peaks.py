@@ -15,7 +15,7 @@ from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.base import Effect
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.pulses import NAME, PulseResponse, Pulses
-from capture_cli.simulate.simulator import Motion
+from capture_cli.simulate.engine import Rollouts
 
 
 @frozen
@@ -110,7 +110,7 @@ class NarrowPeaks:
         return self._motion.qpos[..., effect.model.jnt_qposadr[effect.joint]]
 
     @cached_property
-    def _motion(self) -> Motion:
+    def _motion(self) -> Rollouts:
         return self.fits.motion(self.part, self.fit)
 
     @cached_property

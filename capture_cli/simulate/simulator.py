@@ -41,21 +41,6 @@ class Simulated:
 
 
 @dataclass(frozen=True)
-class Motion:
-    """On the model's grid: qpos (window, grid, nq), contacts (window, grid), how many there are, limits (window, grid),
-    how many joints and tendons are at an end of their range, actuator_force (window, grid, actuator), N or N m at the
-    actuator, and outputs (window, grid, output). diverged (window,).
-    """
-
-    qpos: np.ndarray
-    contacts: np.ndarray
-    limits: np.ndarray
-    actuator_force: np.ndarray
-    outputs: np.ndarray
-    diverged: np.ndarray
-
-
-@dataclass(frozen=True)
 class InitialConditions:
     """Where simulations begin: their states (simulation,) and, there, hidden states of the effects, (simulation,
     state).
@@ -381,19 +366,14 @@ class Simulator:
         point: np.ndarray,
         corrections: np.ndarray | None = None,
         reported: ReportedMotion | None = None,
-    ) -> Motion:
-        """What happens inside every window at one point (parameter,); the rest is as for `simulate`."""
+    ) -> Rollouts:
+        """What happens inside every window, on the model's grid, at one point (parameter,): sensors are the outputs,
+        and states are kept. The rest is as for `simulate`.
+        """
         runs = _Runs.at(windows, initial, self._with_known(point[None])[0], corrections, reported)
         rollouts = self._rollout(runs, keep_states=True)
         self.rollouts += len(windows)
-        return Motion(
-            rollouts.qpos,
-            rollouts.contacts,
-            rollouts.limits,
-            rollouts.actuator_force,
-            outputs=rollouts.sensors,
-            diverged=rollouts.diverged,
-        )
+        return rollouts
 
     def initial_conditions(
         self,

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,6 @@ from capture_cli.context.search.base import Search
 from capture_cli.errors import OptionError
 from capture_cli.model.effects.ranges import EffectRanges
 from capture_cli.model.model_hash import model_hash
-from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.model.tasks.sequence_task import SequenceTask
 from capture_cli.options.base import takes_options
@@ -152,10 +152,10 @@ def _attributes(recipe: Recipe, options: GenHistoriesOptions) -> dict[str, Any]:
     return {
         "task": task.name,
         "model": model_hash(task.model),
-        "parameters": _box(task.space),
-        "actions": _box(task.actions),
+        "parameters": task.space.ranges(),
+        "actions": task.actions.ranges(),
         "library": library_hash(task),
-        "features": [{"name": f.name, "unit": f.unit, "scale": f.scale} for f in task.features],
+        "features": [asdict(f) for f in task.features],
         "point_times": np.asarray(task.point_times, dtype=float).tolist(),
         "pairs": options.pairs,
         "shard_pairs": options.shard_pairs,
@@ -169,10 +169,6 @@ def _attributes(recipe: Recipe, options: GenHistoriesOptions) -> dict[str, Any]:
         "seed": recipe.seed,
         "mujoco": mujoco.__version__,
     }
-
-
-def _box(space: ParameterSpace) -> list[dict[str, Any]]:
-    return [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high} for p in space]
 
 
 # --- the work ---

@@ -1,7 +1,7 @@
 """What one evaluation is asked to do, checked before any work."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -125,8 +125,8 @@ def _attributes(draw: Sim2Sim, policy: str, noise: str, evaluated: list[Evaluate
     task, chooses = draw.task, recorded_policy(policy)
     return {
         "task": task.name,
-        "parameters": [{k: getattr(p, k) for k in ("name", "unit", "low", "high")} for p in task.space],
-        "features": [{"name": f.name, "unit": f.unit, "scale": f.scale} for f in task.features],
+        "parameters": task.space.ranges(),
+        "features": [asdict(f) for f in task.features],
         "identifiers": [{"label": e.label, **e.facts} for e in evaluated],
         # one that was not trained draws from the library, where there is one
         "policy": chooses if chooses["sha256"] else {**chooses, "sha256": library_hash(task)},

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import zip_longest
 from operator import itemgetter
 from typing import Any
@@ -52,9 +52,9 @@ class Signature:
         """As JSON."""
         return {
             "task": self.task,
-            "parameters": [vars(p) for p in self.space],
-            "actions": [vars(p) for p in self.actions],
-            "features": [vars(f) for f in self.features],
+            "parameters": [asdict(p) for p in self.space],
+            "actions": [asdict(p) for p in self.actions],
+            "features": [asdict(f) for f in self.features],
             "point_times": [float(t) for t in self.point_times],
         }
 

@@ -112,7 +112,7 @@ def driven_motion(
     """
     motion = simulator.motion(windows, model_initial_states(simulator.task.model, len(windows)).states, point)
     stays = motion.diverged[:, None, None]
-    outputs, qpos = (np.where(stays, values[:, :1], values) for values in (motion.outputs, motion.qpos))
+    outputs, qpos = (np.where(stays, values[:, :1], values) for values in (motion.sensors, motion.qpos))
     return windows.sample(outputs, np.arange(len(windows))), qpos, motion.diverged
 
 
