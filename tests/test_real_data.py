@@ -48,7 +48,10 @@ def test_emps(real_data, tmp_path):
 
 
 def test_emps_without_its_friction(real_data, tmp_path, monkeypatch):
-    """No model reaches its floor of 17 nm. A play of five parameters would do better than either of the two alone."""
+    """No model reaches its floor of 17 nm. A play of five parameters would do better than either of the two alone.
+
+    250 of the 1000 rows of a second tell the same, in a sixth of the time.
+    """
     look_among(
         monkeypatch,
         "coulomb-friction",
@@ -57,10 +60,14 @@ def test_emps_without_its_friction(real_data, tmp_path, monkeypatch):
         "backlash",
     )
     task, log = EXAMPLES / "emps" / "mass_and_damping.toml", tmp_path / "log.zarr"
-    import_log(files=sorted((real_data / "emps").glob("*.csv")), task=str(task), out=log)
-    found = diagnose(
-        real_log=log, task=str(task), test="emps_test*", expression=False, out=tmp_path / "d", quiet=True
-    ).document
+    files = []
+    for file in sorted((real_data / "emps").glob("*.csv")):
+        header, *rows = file.read_text().splitlines(keepends=True)
+        files.append(tmp_path / file.name)
+        files[-1].write_text("".join([header, *rows[::4]]))
+    import_log(files=files, task=str(task), out=log)
+    options = {"test": "emps_test*", "expression": False, "threads": 1, "quiet": True}
+    found = diagnose(real_log=log, task=str(task), out=tmp_path / "d", **options).document
     assert {e["name"] for e in found["effects"]} == {"coulomb-friction", "direction-dependent-viscous"}
     assert found["after"]["test"]["rmse"]["q"] <= 0.52e-3
 
