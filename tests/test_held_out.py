@@ -39,7 +39,10 @@ def strokes(tmp_path_factory) -> Path:
     return log
 
 
-def test_a_rod_that_tips_for_the_first_time_where_it_is_held_out_is_explained(strokes, tmp_path):
+def test_a_rod_that_tips_for_the_first_time_where_it_is_held_out_is_explained(strokes, tmp_path, monkeypatch):
+    look_among(
+        monkeypatch, "coulomb-friction", "control-bias", "control-delay", "sensor-bias", "sensor-scale"
+    )
     estimate, options = tmp_path / "estimate", {"real_log": strokes, "starts": 1, "quiet": True, "threads": 1}
     found = identify(out=estimate, **options).document
     assert found["error"]["test"]["normalized"] > 3
