@@ -16,6 +16,7 @@ from capture_cli.estimate.balance.whitening import Whitening
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.base import Effect
 from capture_cli.model.effects.placed import Placed
@@ -44,14 +45,17 @@ class Made:
         return self.experiment.parameters
 
     @cached_property
+    def log(self) -> MeasuredLog:
+        return self.experiment.log(self.experiment.outputs(self.planted))
+
+    @cached_property
     def prepared(self) -> PreparedLog:
-        log = self.experiment.log(self.experiment.outputs(self.planted))
         held = with_timings(self.experiment.task, ())  # as they are: nobody has to find out
-        return prepare(log, held)
+        return prepare(self.log, held)
 
     @cached_property
     def smoothed(self) -> SmoothedLog:
-        return SmoothedLog.of(self.prepared.log.arrays, self.experiment.task)
+        return SmoothedLog.of(self.log.arrays, self.experiment.task)
 
     @cached_property
     def balance(self) -> ForceBalance:

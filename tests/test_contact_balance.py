@@ -35,7 +35,7 @@ def puck():
 def test_samples_at_the_wall_are_left_out_and_the_rest_is_kept(puck):
     smoothed = puck.smoothed
     kept = np.concatenate([np.arange(p.start, p.stop) for p in smoothed.parts])
-    x = puck.prepared.log.arrays.outputs[:, 0]
+    x = puck.log.arrays.outputs[:, 0]
     assert (x[kept] < WALL_AT).all()
     assert (x > WALL_AT).any()
     assert len(kept) > 0.8 * len(x)
@@ -81,7 +81,7 @@ def test_no_force_of_a_coordinate_that_rests_is_asked_of_the_log(puck):
 def test_a_stretch_that_is_shorter_than_any_row_is_left_out():
     """Between two impacts: a few points in it do not determine a spline through it."""
     made = Made.of("cart_pole", episodes=3)
-    log = made.prepared.log.arrays
+    log = made.log.arrays
     within = np.ones(len(log.time), dtype=bool)
     within[[100, 113]] = False
     smoothed = SmoothedLog.of(log, made.experiment.task, within)
@@ -94,14 +94,12 @@ def test_a_stretch_that_is_shorter_than_any_row_is_left_out():
 def test_a_joint_that_no_sensor_shows_and_that_moves_leaves_no_balance():
     made = Made.of("cart_pole", episodes=3)
     task = made.experiment.task
-    own = SmoothedLog.of(made.prepared.log.arrays, task)
+    own = SmoothedLog.of(made.log.arrays, task)
     assert own.dofs.tolist() == [0, 1]
     few = copy(task)
     few.outputs = task.outputs[:1]
     with pytest.raises(LogError, match="all joints that move"):
-        SmoothedLog.of(
-            replace(made.prepared.log.arrays, outputs=made.prepared.log.arrays.outputs[:, :1]), few
-        )
+        SmoothedLog.of(replace(made.log.arrays, outputs=made.log.arrays.outputs[:, :1]), few)
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -117,7 +115,7 @@ def test_effects_of_impacts_are_left_to_simulations(puck):
 
 
 def test_a_log_that_is_mostly_impacts_is_smoothed_between_them_and_one_of_impacts_alone_is_not(puck):
-    log, task = puck.prepared.log.arrays, puck.experiment.task
+    log, task = puck.log.arrays, puck.experiment.task
     free = log.episodes[:2]
     noise = 1e-3 * np.random.default_rng(0).standard_normal(log.outputs.shape)
     at_wall = np.array([WALL_AT, 0.0]) + noise

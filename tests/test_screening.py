@@ -68,7 +68,7 @@ def test_nothing_comes_where_nothing_is_missing(machine):
 def test_behind_a_loggers_filter_samples_are_taken_that_have_noise_of_their_own():
     """The filter is an effect on the sensor; taken for white, its noise would show the most."""
     own = Made.of("slider", episodes=4)
-    log = DRESSES[FILTERED](own.prepared.log).arrays
+    log = DRESSES[FILTERED](own.log).arrays
     smoothed = SmoothedLog.of(log, own.experiment.task)
     (placed,) = [p for p in own.placed if p.name == "sensor-second-order-low-pass@q"]
     (found,) = Screening.of(smoothed, [placed], own.truth, 1).additions((), ())
