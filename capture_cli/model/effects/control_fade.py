@@ -3,9 +3,7 @@
 import numpy as np
 
 from capture_cli.model.effects._actuator_effect import ActuatorEffect
-from capture_cli.model.effects._elapsed import Elapsed
-from capture_cli.model.effects._fade import TIME_CONSTANT, grown
-from capture_cli.model.effects._kernel import Companion, call
+from capture_cli.model.effects._growth import TIME_CONSTANT, growing_companion, grown
 from capture_cli.model.parameters import Parameter
 
 
@@ -27,12 +25,5 @@ class ControlFade(ActuatorEffect):
         return controls
 
     def companion(self, name, values):
-        elapsed, state = call(name, Elapsed, ["data.time"], {})
-        growth, _ = call(name, grown, ["elapsed"], self.numbers(values))
-        lines = (
-            f"at = {self.columns_source}",
-            f"elapsed = {elapsed}",
-            f"growth = {growth}",
-            "data.ctrl[at] *= growth",
-        )
-        return Companion((Elapsed, grown), lines, state)
+        at = f"at = {self.columns_source}"
+        return growing_companion(name, grown, self.numbers(values), at, ["data.ctrl"])

@@ -5,7 +5,7 @@ import numpy as np
 from capture_cli.common.frozen import frozen
 from capture_cli.common.recursive_filter import recursively_filtered
 from capture_cli.model.effects._actuator_effect import ActuatorEffect, without_target
-from capture_cli.model.effects._fade import TIME_CONSTANT
+from capture_cli.model.effects._growth import TIME_CONSTANT
 from capture_cli.model.effects.base import Driven, Recordings
 from capture_cli.model.parameters import Parameter
 

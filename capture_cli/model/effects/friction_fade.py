@@ -1,12 +1,8 @@
 """Friction that falls, or grows, the longer the machine runs."""
 
-import numpy as np
-
-from capture_cli.model.effects._elapsed import Elapsed
-from capture_cli.model.effects._fade import TIME_CONSTANT, grown
+from capture_cli.model.effects._growth import TIME_CONSTANT, growing, growing_companion, grown
 from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.effects._joint_force import DAMPING, FRICTION
-from capture_cli.model.effects._kernel import Companion, call
 from capture_cli.model.effects._places import source
 from capture_cli.model.parameters import Parameter
 
@@ -22,25 +18,9 @@ class FrictionFade(JointEffect):
     parameters = (Parameter("change", "1", -0.9, 2.0, 0.0), TIME_CONSTANT)
 
     def force(self, values, timestep, *, began=0.0, **_):
-        change, time_constant = values.T
-        began = np.broadcast_to(began, len(values))
-
-        def force(world):
-            rows = world.rows
-            growth = grown(world.time - began[rows], change=change[rows], time_constant=time_constant[rows])
-            for field in (FRICTION, DAMPING):
-                world.vary(field)[:, self.dof] *= growth
-
-        return force
+        return growing(grown, self.coefficients(values), began, (FRICTION, DAMPING), self.dof)
 
     def companion(self, name, values):
-        elapsed, state = call(name, Elapsed, ["data.time"], {})
-        growth, _ = call(name, grown, ["elapsed"], self.numbers(values))
+        at = f"dof = {source(self.model, 'joint', self.site)}.dofadr"
         fields = [f"model.{field}" for field in (FRICTION, DAMPING)]
-        lines = [
-            f"dof = {source(self.model, 'joint', self.site)}.dofadr",
-            f"elapsed = {elapsed}",
-            f"growth = {growth}",
-            *(f"{field}[dof] *= growth" for field in fields),
-        ]
-        return Companion((Elapsed, grown), tuple(lines), state, tuple(fields))
+        return growing_companion(name, grown, self.numbers(values), at, fields)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from capture_cli.model.effects._elapsed import Elapsed
-from capture_cli.model.effects._kernel import Companion, call
+from capture_cli.model.effects._growth import growing, growing_companion
 from capture_cli.model.effects._places import ObjectEffect, source
 from capture_cli.model.effects._scales import moving_bodies
 from capture_cli.model.parameters import Parameter
@@ -37,24 +36,9 @@ class MassChange(ObjectEffect):
         return (Parameter("rate", "1/s", -most, most, 0.0),)
 
     def force(self, values, timestep, *, began=0.0, **_):
-        rate = values[:, 0]
-        began = np.broadcast_to(began, len(values))
-
-        def force(world):
-            growth = steadily(world.time - began[world.rows], rate=rate[world.rows])
-            world.vary("body_mass")[:, self.number] *= growth
-            world.vary("body_inertia")[:, self.number] *= growth[:, None]
-
-        return force
+        return growing(steadily, self.coefficients(values), began, SCALED, self.number)
 
     def companion(self, name, values):
-        elapsed, state = call(name, Elapsed, ["data.time"], {})
-        growth, _ = call(name, steadily, ["elapsed"], {"rate": values[0]})
-        fields = tuple(f"model.{field}" for field in SCALED)
-        lines = (
-            f"body = {source(self.model, 'body', self.site)}.id",
-            f"elapsed = {elapsed}",
-            f"growth = {growth}",
-            *(f"{field}[body] *= growth" for field in fields),
-        )
-        return Companion((Elapsed, steadily), lines, state, fields)
+        at = f"body = {source(self.model, 'body', self.site)}.id"
+        fields = [f"model.{field}" for field in SCALED]
+        return growing_companion(name, steadily, self.numbers(values), at, fields)
