@@ -1,12 +1,11 @@
 """Progress on stderr: a tqdm bar on a terminal, a plain line now and then where there is none."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Self
 
 from capture_cli.common.frozen import frozen
 
@@ -63,7 +62,7 @@ class Progress:
             self.bar = tqdm(desc=what, unit=unit, total=total, file=sys.stderr, leave=False, bar_format=form)
         self.teller = threading.Thread(target=self._tell, daemon=True)
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> Self:
         if not self.quiet:
             self.teller.start()
         return self

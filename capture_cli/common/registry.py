@@ -5,8 +5,6 @@ subclass of the folder's base class that the file defines. Nothing is imported u
 no second list to keep.
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import pkgutil
@@ -38,7 +36,7 @@ class Registry(Generic[T]):
         base: str,
         kind: str,
         not_listed: tuple[str, ...] = (),
-        besides: Registry | None = None,
+        besides: "Registry | None" = None,
     ):
         self.package = package
         self.base = base

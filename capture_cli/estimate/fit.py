@@ -1,10 +1,9 @@
 """A fitted model: a task with effects, the point where the search ended, and how outputs change about it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -60,12 +59,12 @@ class Fit:
         """Of the parameters of each of its effects, (parameter,)."""
         return [self.point[self.columns(e.name)] for e in self.effects]
 
-    def known_from(self, first: np.ndarray) -> Fit:
+    def known_from(self, first: np.ndarray) -> Self:
         """The fit, whose effects know no more than windows that begin at the steps `first` (window,) of the log say."""
         effects = [placed._replace(effect=placed.effect.fitted_to(first)) for placed in self.effects]
         return replace(self, effects=tuple(effects))
 
-    def is_far_behind(self, rival: Fit | None) -> bool:
+    def is_far_behind(self, rival: Self | None) -> bool:
         """Whether there is no hope of doing as well as `rival`."""
         return rival is not None and self.error > LEAST_SQUARES.hopeless * rival.error
 

@@ -1,9 +1,8 @@
 """What a fitted model leaves of a part of the log: errors, in units of the noise and in the outputs' own."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -26,12 +25,12 @@ class PartFit:
     taken_by_hidden: np.ndarray
 
     @classmethod
-    def of(cls, at: Linearization) -> PartFit:
+    def of(cls, at: Linearization) -> Self:
         """The part that `at` is a linearization on."""
         return cls(at.data, at.corrections, at.residual, at.taken_by_hidden)
 
     @classmethod
-    def concatenate(cls, parts: Sequence[PartFit]) -> PartFit:
+    def concatenate(cls, parts: Sequence[Self]) -> Self:
         """Several parts as one, padded to one shape."""
         first = parts[0].data
         steps = max(p.data.measured.shape[1] for p in parts)
@@ -55,7 +54,7 @@ class PartFit:
         )
         return cls(data, corrections, residual, hidden)
 
-    def rows(self, keep: np.ndarray) -> PartFit:
+    def rows(self, keep: np.ndarray) -> Self:
         """The windows at `keep` alone: their numbers, or a mask (window,)."""
         return PartFit(
             self.data.rows(keep), self.corrections[keep], self.residual[keep], self.taken_by_hidden[keep]

@@ -1,9 +1,8 @@
 """The inputs of a log at the model's steps, in its windows and around them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -45,7 +44,7 @@ class LoggedInputs:
     timestep: float
     holds: Sequence[Hold]
 
-    def part(self, steps: slice) -> LoggedInputs:
+    def part(self, steps: slice) -> Self:
         """Those of some steps."""
         return replace(self, time=self.time[steps], values=self.values[steps])
 
@@ -72,7 +71,7 @@ class LoggedInputs:
             values[:, own] = commands._held_at(at, None if sums_from is None else 0)
         return values
 
-    def _each_command(self, hold: Hold, samples: slice) -> LoggedInputs:
+    def _each_command(self, hold: Hold, samples: slice) -> Self:
         """The inputs that act so, with a sample for each command from the first of `samples` to the last."""
         before = min(samples.start, 1)
         wider = self.part(slice(samples.start - before, samples.stop + 1))
@@ -173,7 +172,7 @@ class CachedSequences:
         """How many steps after each window begins the sequences reach."""
         return self.kept.shape[1] - self.lead
 
-    def rows(self, keep: np.ndarray, stop: int) -> CachedSequences:
+    def rows(self, keep: np.ndarray, stop: int) -> Self:
         """Those of the windows at `keep`, as far as `stop`."""
         return CachedSequences(self.kept[keep, : self.lead + stop], self.lead)
 
@@ -197,7 +196,7 @@ class LogSequences:
     lead: int
     stop: int
 
-    def rows(self, keep: np.ndarray, stop: int) -> LogSequences:
+    def rows(self, keep: np.ndarray, stop: int) -> Self:
         """Those of the windows at `keep`, as far as `stop`."""
         return replace(
             self, first=self.first[keep], known=self.known[keep], sums_from=self.sums_from[keep], stop=stop

@@ -1,8 +1,7 @@
 """How the sensors' numbers moved shortly before windows begin, and the initial states that were read off them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -42,7 +41,7 @@ class ReportedMotion:
         """The path where the windows begin, (window, 3, column)."""
         return self.path[:, 0]
 
-    def rows(self, keep) -> ReportedMotion:
+    def rows(self, keep) -> Self:
         """That of the windows at `keep`."""
         return replace(self, path=self.path[keep], before=self.before[keep], read=self.read[keep])
 

@@ -4,10 +4,9 @@ Each window restarts the state at one of the log's samples. Inputs are brought o
 interpolated); simulated outputs are interpolated to the log's own sampling times, however uneven those are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -82,7 +81,7 @@ class Windows:
         """How many steps each window has, (window,)."""
         return self.mask.sum(axis=1)
 
-    def rows(self, keep: np.ndarray) -> Windows:
+    def rows(self, keep: np.ndarray) -> Self:
         """The windows at `keep` (indices or a mask), with no more padding than they need."""
         keep = np.arange(len(self))[keep]
         steps = int(self.samples[keep].max(initial=0))

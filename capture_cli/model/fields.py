@@ -1,6 +1,6 @@
 """Copies of a model's fields, one for each of many simulations."""
 
-from __future__ import annotations
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -25,7 +25,7 @@ class ModelFields:
             self.values[name] = np.repeat(nominal[None], self.simulations, axis=0)
         return self.values[name]
 
-    def rows(self, simulations: np.ndarray) -> ModelFields:
+    def rows(self, simulations: np.ndarray) -> Self:
         """Those of the simulations of these numbers."""
         fields = ModelFields(self.model, len(simulations))
         fields.substeps = self.substeps

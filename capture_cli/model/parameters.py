@@ -1,10 +1,9 @@
 """Parameters: named numbers with a unit and bounds, and the space they span."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -49,7 +48,7 @@ class Parameter:
         """high - low, in `unit`."""
         return self.high - self.low
 
-    def with_step_of(self, least: float) -> Parameter:
+    def with_step_of(self, least: float) -> Self:
         """With finite differences of that share of the range at least, where it does not need shorter ones."""
         return self if self.step < SETTINGS.step else replace(self, step=max(self.step, least))
 
@@ -77,7 +76,7 @@ class ParameterSpace:
     def __iter__(self):
         return iter(self.parameters)
 
-    def __add__(self, other: ParameterSpace) -> ParameterSpace:
+    def __add__(self, other: Self) -> Self:
         return ParameterSpace((*self.parameters, *other.parameters))
 
     @property

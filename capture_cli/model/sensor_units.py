@@ -1,12 +1,10 @@
 """Units of logs beside those of a model: MuJoCo's sensors report m, rad, s, N and N m, without a prefix."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import mujoco
 
@@ -63,10 +61,10 @@ class _Unit(NamedTuple):
     powers: tuple[int, ...]
 
     @classmethod
-    def of(cls, factor: float, **powers: int) -> _Unit:
+    def of(cls, factor: float, **powers: int) -> Self:
         return cls(factor, tuple(powers.get(base, 0) for base in _SIZES))
 
-    def times(self, other: _Unit, power: int) -> _Unit:
+    def times(self, other: Self, power: int) -> Self:
         powers = (a + power * b for a, b in zip(self.powers, other.powers, strict=True))
         return _Unit(self.factor * other.factor**power, tuple(powers))
 

@@ -1,8 +1,7 @@
 """Initial states of many simulations, and moves of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -25,7 +24,7 @@ class InitialStates:
     def __len__(self) -> int:
         return len(self.qpos)
 
-    def rows(self, index) -> InitialStates:
+    def rows(self, index) -> Self:
         """The initial states at `index`."""
         together = None if self.together is None else self.together[index]
         return InitialStates(self.qpos[index], self.qvel[index], self.act[index], self.time[index], together)

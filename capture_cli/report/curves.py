@@ -1,10 +1,9 @@
 """The curves of a record, made ready to draw: laid on one time axis, thinned, and summed up."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 
@@ -89,7 +88,7 @@ class Curves:
     part: np.ndarray
 
     @classmethod
-    def of(cls, record: Estimate | Diagnosis) -> Curves:
+    def of(cls, record: Estimate | Diagnosis) -> Self:
         a = record.arrays
         is_estimate = "window/is_test" in a
         models = OF_ESTIMATE

@@ -1,10 +1,9 @@
 """Task + effects + engine -> what the sensors would have reported. Counts every simulation it runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -80,7 +79,7 @@ class _Runs:
         point: np.ndarray,
         corrections: np.ndarray | None,
         reported: ReportedMotion | None,
-    ) -> _Runs:
+    ) -> Self:
         """One of every window, at one point (parameter,)."""
         each = np.repeat(point[None], len(windows), axis=0)
         return cls(windows, initial, np.arange(len(windows)), each, corrections, reported)
@@ -102,7 +101,7 @@ class _Drives:
     began: np.ndarray
     first: np.ndarray | None = None
 
-    def of(self, some: np.ndarray) -> _Drives:
+    def of(self, some: np.ndarray) -> Self:
         """What drives the simulations of these numbers."""
         first = None if self.first is None else self.first[some]
         return replace(self, row=self.row[some], known=self.known[some], began=self.began[some], first=first)

@@ -1,9 +1,8 @@
 """What `identify` and `diagnose` begin with: a log, the task whose model is fitted to it, and the record of the run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 from capture_cli.common.progress import Progress
 from capture_cli.estimate.prepare import prepare
@@ -36,7 +35,7 @@ class LogToFit:
     @classmethod
     def of(
         cls, command: str, log: MeasuredLog, task: Task, options: FittingLog, **others: Path | None
-    ) -> LogToFit:
+    ) -> Self:
         """Of a run of the command. others: what it reads beside the log and the task, by the names of their options.
         Raises OptionError where `out` is among what it reads.
         """

@@ -1,10 +1,9 @@
 """The machine that a command simulates: a task, with what `--estimate` and `--effect` say that its model lacks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -28,7 +27,7 @@ class SimulatedMachine:
     @classmethod
     def of(
         cls, task: str, estimate: Path | None, effects: Sequence[str], *, over_own_range: bool = False
-    ) -> SimulatedMachine:
+    ) -> Self:
         """Of `--task`, `--estimate` and the texts of `--effect`, which go before what the estimate says.
 
         over_own_range: as `parse_effects` has it. Raises CaptureError, for an estimate of another task, too.
@@ -43,9 +42,7 @@ class SimulatedMachine:
         return cls(machine, values, ranges)
 
     @classmethod
-    def to_learn_in(
-        cls, task: str, estimate: Path | None, effects: Sequence[str], *, why: str = ""
-    ) -> SimulatedMachine:
+    def to_learn_in(cls, task: str, estimate: Path | None, effects: Sequence[str], *, why: str = "") -> Self:
         """The same for what is learned over all values of the parameters, where those of an estimate mean nothing;
         why: in words. An effect that is named alone goes over the whole range in which it is looked for.
         """

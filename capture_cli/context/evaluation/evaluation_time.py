@@ -1,10 +1,9 @@
 """About how long an evaluation takes, before it begins."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -20,7 +19,7 @@ class Expected:
     rollouts: float = 0.0
     seconds: float = 0.0
 
-    def __add__(self, other: Expected) -> Expected:
+    def __add__(self, other: Self) -> Self:
         return Expected(self.rollouts + other.rollouts, self.seconds + other.seconds)
 
     def __str__(self) -> str:

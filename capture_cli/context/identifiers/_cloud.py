@@ -12,10 +12,9 @@ The sensor's noise has a standard deviation sqrt(a^2 + b^2 y^2) where the output
 Parameters are in the unit cube, outputs over the features' scales.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -60,7 +59,7 @@ class Cloud:
     outputs: np.ndarray
 
     @classmethod
-    def about(cls, mean: np.ndarray, covariance: np.ndarray, d: int) -> Cloud:
+    def about(cls, mean: np.ndarray, covariance: np.ndarray, d: int) -> Self:
         """Points well spread about what is known at first, not simulated yet; d values a round."""
         wider, most = SETTINGS.first
         values, vectors = np.linalg.eigh(covariance)

@@ -8,9 +8,8 @@ Under which parameters a round was simulated, and what that gave, says nothing o
 chosen for them, too, which in a log it never was: with them in the vector no log is like the histories.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -33,7 +32,7 @@ class Family:
     usual: np.ndarray
 
     @classmethod
-    def fitted(cls, normalisation: Normalisation, trained: Rounds, held_out: Rounds) -> Family:
+    def fitted(cls, normalisation: Normalisation, trained: Rounds, held_out: Rounds) -> Self:
         """To the rounds trained on, judged by those held out."""
         vectors = _vectors(normalisation, trained)
         vectors = vectors.reshape(-1, vectors.shape[-1])
@@ -48,7 +47,7 @@ class Family:
         averages = np.cumsum(distances, axis=1) / count
         return cls(normalisation, mean, family.whitening, np.quantile(averages, QUANTILES, axis=0).T)
 
-    def with_noise(self, noise_sd: np.ndarray) -> Family:
+    def with_noise(self, noise_sd: np.ndarray) -> Self:
         """The same where what is measured has noise_sd (feature,) or (point, feature), in the features' units, which
         training had not.
 

@@ -3,13 +3,11 @@
 They differ in the examples they are trained on and in how they use the answer; each says so in its own file.
 """
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -101,7 +99,7 @@ class TrainedModel:
         return {"signature": self.signature.document(), "architecture": asdict(self.architecture)}, arrays
 
     @classmethod
-    def from_state(cls, settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> TrainedModel:
+    def from_state(cls, settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Self:
         """What `state` gave; settings["histories"] says how many rounds those had that it learned from."""
         signature = Signature.from_document(settings["signature"])
         architecture = Architecture(**settings["architecture"])

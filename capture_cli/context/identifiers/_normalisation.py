@@ -1,8 +1,7 @@
 """Rounds as numbers of order 1, by the ranges of the task and the spread of the histories trained on."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -19,7 +18,7 @@ class Normalisation:
     residual_spread: np.ndarray
 
     @classmethod
-    def fitted(cls, signature: Signature, rounds: Rounds) -> Normalisation:
+    def fitted(cls, signature: Signature, rounds: Rounds) -> Self:
         """To the trajectories of `rounds`."""
         scale = np.array([f.scale for f in signature.features])
         trajectories = np.concatenate([rounds.simulated, rounds.measured])

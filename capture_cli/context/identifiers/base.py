@@ -5,14 +5,12 @@ log), one rollout under the action is measured and one per candidate is simulate
 Methods are judged by the measured rollouts they spend: one a round. What they simulate is counted.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import zip_longest
 from operator import itemgetter
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -39,7 +37,7 @@ class Signature:
     point_times: np.ndarray
 
     @classmethod
-    def of(cls, task: ActionTask) -> Signature:
+    def of(cls, task: ActionTask) -> Self:
         """The signature of `task`."""
         return cls(task.name, task.space, task.actions, tuple(task.features), np.asarray(task.point_times))
 
@@ -59,14 +57,14 @@ class Signature:
         }
 
     @classmethod
-    def from_document(cls, document: Mapping[str, Any]) -> Signature:
+    def from_document(cls, document: Mapping[str, Any]) -> Self:
         """What `document` wrote, or the attributes of histories: these have no nominal values."""
         keys = ("task", "parameters", "actions", "features", "point_times")
         task, parameters, actions, features, times = itemgetter(*keys)(document)
         spaces = (ParameterSpace([_parameter(**p) for p in rows]) for rows in (parameters, actions))
         return cls(task, *spaces, tuple(Feature(**f) for f in features), np.array(times, dtype=float))
 
-    def differences(self, other: Signature) -> list[str]:
+    def differences(self, other: Self) -> list[str]:
         """How `other` differs, one line each: "the task 'a', and this is 'b'". Nominal values do not matter.
 
         Where the tasks differ nothing else needs to be said.
@@ -132,36 +130,36 @@ class Rounds:
         """How many rounds each pair has."""
         return self.parameters.shape[1]
 
-    def pairs(self, keep: np.ndarray | slice) -> Rounds:
+    def pairs(self, keep: np.ndarray | slice) -> Self:
         """Those pairs."""
         target = None if self.target is None else self.target[keep]
         return replace(self.each(lambda a: a[keep]), target=target)
 
-    def first(self, count: int) -> Rounds:
+    def first(self, count: int) -> Self:
         """The first `count` rounds, or all if there are fewer."""
         return self.each(lambda a: a[:, :count])
 
-    def last(self, count: int) -> Rounds:
+    def last(self, count: int) -> Self:
         """The last `count` rounds, or all if there are fewer."""
         first = max(0, self.rounds - count)
         return self.each(lambda a: a[:, first:])
 
-    def then(self, parameters, actions, simulated, measured) -> Rounds:
+    def then(self, parameters, actions, simulated, measured) -> Self:
         """With one more round: each as above, without the round axis."""
         new = Rounds(parameters, actions, simulated, measured)
         return self.followed_by(new.each(lambda a: np.asarray(a, dtype=float)[:, None]))
 
-    def followed_by(self, later: Rounds) -> Rounds:
+    def followed_by(self, later: Self) -> Self:
         """With the rounds of `later` after its own."""
         both = {n: np.concatenate([getattr(self, n), getattr(later, n)], axis=1) for n in ARRAYS}
         return replace(self, **both)
 
-    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Rounds:
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Self:
         """With what `change` makes of each array of rounds, (pair, round, ...); the target stays."""
         return replace(self, **{name: change(getattr(self, name)) for name in ARRAYS})
 
     @classmethod
-    def none(cls, pairs: int, signature: Signature) -> Rounds:
+    def none(cls, pairs: int, signature: Signature) -> Self:
         """`pairs` pairs that have had no round yet."""
         trajectory = np.zeros((pairs, 0, *signature.trajectory_shape))
         return cls(

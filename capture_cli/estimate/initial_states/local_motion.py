@@ -3,9 +3,8 @@
 A local cubic is fitted; its half-width is the widest at which its residual still looks like the noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -42,7 +41,7 @@ class Neighbours:
         first: np.ndarray,
         stop: np.ndarray,
         own: np.ndarray | None = None,
-    ) -> Neighbours:
+    ) -> Self:
         """Those of the steps `at` (place,), each in an episode [first, stop) (place,). time (step,).
 
         own: the steps that have a sample, of which every episode has some; all of them where None.
@@ -58,7 +57,7 @@ class Neighbours:
         index = own[inside]
         return cls(index, time[index] - time[at][:, None], inside == number)
 
-    def rows(self, keep) -> Neighbours:
+    def rows(self, keep) -> Self:
         """Those of the places at `keep`."""
         return Neighbours(self.index[keep], self.time[keep], self.known[keep])
 
@@ -73,17 +72,17 @@ class LocalMotion:
     value_sd: np.ndarray
     slope_sd: np.ndarray
 
-    def rows(self, keep) -> LocalMotion:
+    def rows(self, keep) -> Self:
         """That at the places at `keep`."""
         return LocalMotion(**{name: values[keep] for name, values in vars(self).items()})
 
-    def mixed(self, weights: np.ndarray) -> LocalMotion:
+    def mixed(self, weights: np.ndarray) -> Self:
         """That of sums `weights` (sum, column) of the columns, whose noise is independent."""
         sums = (values @ weights.T for values in (self.value, self.slope, self.curvature))
         sds = (np.sqrt(np.square(sd) @ np.square(weights).T) for sd in (self.value_sd, self.slope_sd))
         return LocalMotion(*sums, *sds)
 
-    def take(self, other: LocalMotion, places: np.ndarray, which: np.ndarray) -> None:
+    def take(self, other: Self, places: np.ndarray, which: np.ndarray) -> None:
         """Replace the columns `which` (other's place, column) of `places` (other's place,) by those of `other`."""
         place, column = np.nonzero(which)
         for name, values in vars(self).items():

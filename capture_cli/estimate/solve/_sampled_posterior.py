@@ -9,10 +9,9 @@ For windows whose initial states are known, as others would have to be fitted at
 of five, so few points collapse onto some of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -64,7 +63,7 @@ class _Proposal:
     count: int
 
     @classmethod
-    def about(cls, mean: np.ndarray, covariance: np.ndarray, count: int) -> _Proposal:
+    def about(cls, mean: np.ndarray, covariance: np.ndarray, count: int) -> Self:
         values, vectors = np.linalg.eigh(covariance)
         values = np.clip(values, SETTINGS.smallest_sd**2, SETTINGS.largest_sd**2)
         return cls(mean, (vectors * values) @ vectors.T, count)

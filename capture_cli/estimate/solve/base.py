@@ -1,10 +1,9 @@
 """What an identifier is: it asks for simulations, is told what they gave, and says what is best so far."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -69,7 +68,7 @@ class Identifier(AskTell):
         self.rounds_left = rounds
         self.starts = starts
 
-    def carried_on(self, data: Data, rounds: int) -> Identifier | None:
+    def carried_on(self, data: Data, rounds: int) -> Self | None:
         """The same search on other data about the same parameters, with what it knows of where to look.
 
         None where nothing of it is of use but its best, where a new one begins.

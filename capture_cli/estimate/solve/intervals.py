@@ -9,11 +9,9 @@ Where contacts make the error rough a descent ends on a bump, short of where the
 How far short is a part of the estimate's error, and its square is added to the covariance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -60,7 +58,7 @@ class Intervals:
     degrees: float
     limits: np.ndarray | None = None
 
-    def limited(self, space: ParameterSpace, looked: Sequence[int], excluded: np.ndarray) -> Intervals:
+    def limited(self, space: ParameterSpace, looked: Sequence[int], excluded: np.ndarray) -> Self:
         """With what the log excludes, from below and from above, of the parameters numbered `looked`.
 
         excluded (p, 2): in the unit cube; nan where it does not exclude the end of the range. Intervals reach as far,

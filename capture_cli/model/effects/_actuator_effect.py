@@ -1,11 +1,9 @@
 """What effects on an actuator's control share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from inspect import isclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
@@ -62,7 +60,7 @@ class ActuatorEffect(Effect):
         controls[:, :, self.columns] = arrived.reshape(sent.shape).swapaxes(0, 1)
         return controls
 
-    def among(self, columns: np.ndarray) -> ActuatorEffect:
+    def among(self, columns: np.ndarray) -> Self:
         """The same, but for rounding, where of all controls there are only these `columns` of ctrl, in order, its own
         among them.
         """

@@ -11,14 +11,12 @@ Its parameters are amplitudes and shapes. At the null values of the amplitudes t
 one without the effect, bit by bit, whatever the shapes are. An effect without parameters is there or is not.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from inspect import cleandoc
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
@@ -325,13 +323,13 @@ class Effect(ABC):
         """
         return np.ones((len(first), len(self.states)))
 
-    def eased(self) -> Effect | None:
+    def eased(self) -> Self | None:
         """The effect with states that are less bound to the log before, for a descent to come from farther; None where
         they are free.
         """
         return None
 
-    def fitted_to(self, first: np.ndarray) -> Effect:
+    def fitted_to(self, first: np.ndarray) -> Self:
         """The effect with what is known of it where it was fitted to simulations that begin at the steps `first`
         (simulation,) of the log: itself.
         """

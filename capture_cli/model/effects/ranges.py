@@ -1,10 +1,8 @@
 """Effects that a simulated machine has beside its model: each of their parameters at a value, or in a range."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -25,7 +23,7 @@ class EffectRanges:
     high: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
-    def of(cls, effects: Iterable[tuple[Placed, np.ndarray, np.ndarray]]) -> EffectRanges:
+    def of(cls, effects: Iterable[tuple[Placed, np.ndarray, np.ndarray]]) -> Self:
         """Of effects with low and high (parameter,) of each."""
         rows = list(effects)
         low, high = (np.concatenate([np.zeros(0), *(row[k] for row in rows)]) for k in (1, 2))

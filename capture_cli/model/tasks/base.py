@@ -1,7 +1,5 @@
 """What a task is: a compiled model, the parameters that are open, and the channels of its logs."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from copy import copy
@@ -42,12 +40,12 @@ class Channel:
     sparse: bool = False
 
     @classmethod
-    def of_actuator(cls, model: mujoco.MjModel, name: str, unit: str) -> Channel:
+    def of_actuator(cls, model: mujoco.MjModel, name: str, unit: str) -> Self:
         """The input, in the unit of the model, whose actuator and column have its name."""
         return cls(name, unit, name, model.actuator(name).id)
 
     @classmethod
-    def of_sensor(cls, model: mujoco.MjModel, name: str, unit: str) -> Channel:
+    def of_sensor(cls, model: mujoco.MjModel, name: str, unit: str) -> Self:
         """The output, in the unit of the model, whose sensor and column have its name; of a position, x."""
         sensor = model.sensor(name)
         return cls(name, unit, name, int(sensor.adr[0]), sensor=sensor.id)

@@ -1,10 +1,9 @@
 """What drives a recorded machine: multisines, the inputs of a log or a proposal, or one action per episode."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -50,7 +49,7 @@ class Drive:
     initial: InitialStates
     actions: np.ndarray | None = None
 
-    def rows(self, keep: np.ndarray) -> Drive:
+    def rows(self, keep: np.ndarray) -> Self:
         """The episodes numbered `keep`."""
         steps = [np.arange(e.start, e.stop) for e in slices_until(self.ends)]
         kept = np.concatenate([steps[episode] for episode in keep])

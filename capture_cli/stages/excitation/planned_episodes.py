@@ -1,8 +1,7 @@
 """Episodes that were not run yet, as the log that they would leave if an estimate were right."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -45,7 +44,7 @@ class Known:
     correlated: float
 
     @classmethod
-    def of(cls, task: Task, estimate: Estimate, window: float | None) -> Known:
+    def of(cls, task: Task, estimate: Estimate, window: float | None) -> Self:
         """window: s, that the estimate was told instead of the task's."""
         record, arrays = estimate.record, estimate.arrays
         names = [c.name for c in task.outputs]

@@ -1,11 +1,9 @@
 """The model that `identify` or `diagnose` found: the task, values of its parameters, effects and terms of a formula."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -43,7 +41,7 @@ class FoundModel:
     command: str
 
     @classmethod
-    def read(cls, result: Path, task: str | None = None) -> FoundModel:
+    def read(cls, result: Path, task: str | None = None) -> Self:
         """Of the estimate or diagnosis directory `result`; task: where its task is now, if it was moved since. Raises
         CaptureError.
         """
