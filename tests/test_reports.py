@@ -405,7 +405,7 @@ def test_what_was_done_round_by_round_is_said():
 def test_long_log_stays_light_and_keeps_its_peaks():
     estimate = make(outputs={"q": ("m", 2e-5)}, windows=50, steps=4000, held_out=10)
     estimate.arrays["step/measured"][123_456, 0] += 5.0
-    views = curve_views(estimate, Curves.of(estimate))
+    views = curve_views(Curves.of(estimate))
     assert views["views"][0]["last"] <= CURVE_PLOTS.most_points + 3 * 50
     shown = np.frombuffer(base64.b64decode(views["sets"]["log"]["measured/0"]["bdata"]), "<f4")
     assert np.nanmax(shown) == np.float32(estimate.arrays["step/measured"][123_456, 0])

@@ -8,10 +8,7 @@ from capture_cli.common.frozen import frozen
 from capture_cli.common.quantities import scaled_unit, titled
 from capture_cli.report.curves import HELD_OUT, Curves, Model, autocorrelation, bin_edges, thin
 from capture_cli.report.plotly_parts import Plot, band, in_template, line, mark, packed, swatch
-from capture_cli.store.diagnosis import Diagnosis
-from capture_cli.store.estimate import Estimate
 
-Record = Estimate | Diagnosis
 # Shades of the parts of a log; what is fitted has none.
 SHADES = {"selecting": "--select-shade", HELD_OUT: "--test-shade"}
 
@@ -30,18 +27,18 @@ class SETTINGS:
     most_episode_marks: int = 60
 
 
-def curve_views(record: Record, curves: Curves) -> dict[str, Any]:
+def curve_views(curves: Curves) -> dict[str, Any]:
     """The points of every curve, and the views of them: the whole log, and windows.
 
     Where the log is short enough to be drawn point by point, every window can be chosen; otherwise the best,
     the median and the worst of the held-out and of the fitted ones, whose points are then held apart.
     """
-    values, names = _series(record, curves)
+    values, names = _series(curves)
     budget = _budget(SETTINGS.numbers, len(names), SETTINGS.fewest_points, SETTINGS.most_points)
     at, rows, ends = thin(values, curves.slices, budget)
     sets = {"log": _packed_set(curves.x[at], rows, names)}
     views = [{"label": "the whole log", "set": "log", "first": 0, "last": len(at)}]
-    error = curves.window_rms(_scale(record, curves))
+    error = curves.window_rms(_scale(curves))
     if len(curves.x) <= budget:
         if len(ends) > 1:
             views += [_view(curves, w, error[w], "log", ends[w]) for w in range(len(ends))]
@@ -57,14 +54,14 @@ def curve_views(record: Record, curves: Curves) -> dict[str, Any]:
     return {"sets": sets, "views": views}
 
 
-def overlay(record: Record, curves: Curves, k: int) -> Plot:
+def overlay(curves: Curves, k: int) -> Plot:
     """Output k: measured and simulated over time, and the residual under them."""
-    unit, residual_unit = output_scale(record, curves, k)[1], residual_scale(record, curves, k)[1]
-    floor = _floor(record, curves, k)
+    unit, residual_unit = curves.scale(k)[1], curves.residual_scale(k)[1]
+    floor = _floor(curves, k)
 
     def curve(name: str, title: str, color: str, hover_unit: str, *, frame: bool = True, **more) -> Plot:
         source = {"series": f"{name}/{k}", "frame": frame}
-        if has_gaps(curves, name, k):
+        if curves.has_gaps(name, k):
             more |= {
                 "mode": "markers",
                 "marker": {"color": color, "size": SETTINGS.point * more.get("width", 1.5) ** 0.5},
@@ -79,8 +76,8 @@ def overlay(record: Record, curves: Curves, k: int) -> Plot:
             more = {"width": 1.0, "yaxis": "y2", "showlegend": False}
             data.append(curve(residual_name(curves, m), m.title, m.residual_color, residual_unit, **more))
     data += [swatch("noise floor ±2 sd", "--floor-shade")] if floor else []
-    data += [swatch(part, shade) for part, shade in SHADES.items() if windows_of(curves, part).any()]
-    name = record.attributes["outputs"][k]["name"]
+    data += [swatch(part, shade) for part, shade in SHADES.items() if curves.windows_of(part).any()]
+    name = curves.names[k]
     layout = {
         "xaxis": {"title": {"text": curves.x_title}, "anchor": "y2"},
         "yaxis": {"title": {"text": titled(name, unit)}, "domain": [0.38, 1.0], "zeroline": False},
@@ -90,11 +87,11 @@ def overlay(record: Record, curves: Curves, k: int) -> Plot:
     return {"data": data, "layout": layout}
 
 
-def residual_statistics(record: Record, curves: Curves, k: int) -> Plot:
+def residual_statistics(curves: Curves, k: int) -> Plot:
     """Output k: how the residual is distributed, and how long it remembers."""
-    factor, unit = residual_scale(record, curves, k)
+    factor, unit = curves.residual_scale(k)
     samples = curves.samples(k)
-    residual, floor = samples.residual * factor, _floor(record, curves, k)
+    residual, floor = samples.residual * factor, _floor(curves, k)
     held_out = int(samples.is_test.sum())
     edges = bin_edges(residual, floor, min(held_out or len(residual), len(residual) - held_out))
     histograms = _histograms(residual, samples.is_test, edges)
@@ -122,40 +119,16 @@ def residual_statistics(record: Record, curves: Curves, k: int) -> Plot:
     return {"data": data, "layout": layout}
 
 
-def output_scale(record: Record, curves: Curves, k: int) -> tuple[float, str]:
-    """(factor, unit) in which output k is drawn."""
-    return scaled_unit(
-        record.attributes["outputs"][k]["unit"], float(np.nanmax(np.abs(curves.measured[:, k])))
-    )
-
-
-def residual_scale(record: Record, curves: Curves, k: int) -> tuple[float, str]:
-    """(factor, unit) in which the residual of output k is drawn."""
-    rms = max(float(np.sqrt(np.nanmean(r[:, k] ** 2))) for r in curves.residuals.values())
-    return scaled_unit(record.attributes["outputs"][k]["unit"], rms)
-
-
 def residual_name(curves: Curves, model: Model) -> str:
     """What the residual of one of the curves' models is called among the page's series."""
     return "residual" if model is curves.models[0] else f"residual {model.name}"
 
 
-def has_gaps(curves: Curves, name: str, k: int) -> bool:
-    """Whether a curve of output k, as `_series` calls it, has values at the output's samples alone.
-
-    It is drawn as points: a line breaks wherever there is none.
-    """
-    if curves.sampled(k).all():
-        return False
-    drawn = curves.simulated.get(name)
-    return drawn is None or bool(np.isnan(drawn[~curves.sampled(k), k]).all())
-
-
-def _series(record: Record, curves: Curves) -> tuple[np.ndarray, list[str]]:
+def _series(curves: Curves) -> tuple[np.ndarray, list[str]]:
     """Every curve as it is drawn, (step, curve), and its name."""
     columns = {}
     for k in range(curves.measured.shape[1]):
-        factor, residual_factor = output_scale(record, curves, k)[0], residual_scale(record, curves, k)[0]
+        factor, residual_factor = curves.scale(k)[0], curves.residual_scale(k)[0]
         columns[f"measured/{k}"] = factor * curves.measured[:, k]
         for m in curves.models:
             columns[f"{m.name}/{k}"] = factor * curves.simulated[m.name][:, k]
@@ -172,11 +145,10 @@ def _budget(numbers: int, curves: int, fewest: int, most: int) -> int:
     return min(most, max(fewest, numbers // curves))
 
 
-def _scale(record: Record, curves: Curves) -> np.ndarray:
+def _scale(curves: Curves) -> np.ndarray:
     """(output,): what each residual is judged by: the noise floor, or its own RMS where there is none."""
-    floors = [record.record.noise_floor.get(o["name"]) for o in record.attributes["outputs"]]
     rms = np.sqrt(np.nanmean(curves.residual**2, axis=0))
-    return np.array([floor or own or 1.0 for floor, own in zip(floors, rms, strict=True)])
+    return np.array([floor or own or 1.0 for floor, own in zip(curves.floors, rms, strict=True)])
 
 
 def _view(curves: Curves, w: int, error: float, name: str, ends, kind: str = "") -> dict[str, Any]:
@@ -220,7 +192,7 @@ def _marks(curves: Curves, floor: float | None) -> list[Plot]:
     shapes = [
         band(a, b, along="x", across="paper", color=shade)
         for part, shade in SHADES.items()
-        for a, b in curves.spans(windows_of(curves, part))
+        for a, b in curves.spans(curves.windows_of(part))
     ]
     starts = curves.episode_starts()
     shapes += [mark(x) for x in starts] if len(starts) <= SETTINGS.most_episode_marks else []
@@ -230,14 +202,7 @@ def _marks(curves: Curves, floor: float | None) -> list[Plot]:
     return shapes
 
 
-def windows_of(curves: Curves, part: str) -> np.ndarray:
-    """Which windows belong to a part, (window,); none where the record has no such part."""
-    return (
-        curves.part == curves.parts.index(part) if part in curves.parts else np.zeros(len(curves.part), bool)
-    )
-
-
-def _floor(record: Record, curves: Curves, k: int) -> float | None:
+def _floor(curves: Curves, k: int) -> float | None:
     """The noise floor of output k, in the unit its residual is drawn in."""
-    floor = record.record.noise_floor.get(record.attributes["outputs"][k]["name"])
-    return floor * residual_scale(record, curves, k)[0] if floor else None
+    floor = curves.floors[k]
+    return floor * curves.residual_scale(k)[0] if floor else None

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from capture_cli.common.frozen import frozen
+from capture_cli.common.quantities import scaled_unit
 from capture_cli.store.diagnosis import Diagnosis
 from capture_cli.store.estimate import Estimate
 
@@ -68,6 +69,8 @@ class Samples:
 class Curves:
     """The curves of an estimate or a diagnosis, window after window, with arrays of its own.
 
+    names, units, floors (output,): what outputs are called, and their noise floors in these units, None of one that has
+    none.
     x (step,): s, where each step is drawn; episodes stand one after the other.
     time (step,): s, the log's clock. measured (step, output): NaN where an output has no sample.
     simulated: (step, output) of each of `models`, by name.
@@ -75,6 +78,9 @@ class Curves:
         counts them as the record does, part is a place in `parts`.
     """
 
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    floors: tuple[float | None, ...]
     x: np.ndarray
     x_title: str
     time: np.ndarray
@@ -103,9 +109,22 @@ class Curves:
         episode = a["window/episode"][number]
         x, x_title = _lay_out(time, slices, episode)
         simulated = {m.name: a[f"step/{m.name}"][order] for m in models}
-        measured = a["step/measured"][order]
+        names, units = (tuple(o[key] for o in record.attributes["outputs"]) for key in ("name", "unit"))
         return cls(
-            x, x_title, time, measured, models, simulated, slices, number, episode, parts, part[number]
+            names,
+            units,
+            tuple(record.record.noise_floor.get(name) for name in names),
+            x,
+            x_title,
+            time,
+            a["step/measured"][order],
+            models,
+            simulated,
+            slices,
+            number,
+            episode,
+            parts,
+            part[number],
         )
 
     @cached_property
@@ -122,6 +141,25 @@ class Curves:
         """Where output k has a sample, (step,)."""
         return ~np.isnan(self.measured[:, k])
 
+    def has_gaps(self, name: str, k: int) -> bool:
+        """Whether a curve of output k, as the page calls it, has values at the output's samples alone.
+
+        It is drawn as points: a line breaks wherever there is none.
+        """
+        if self.sampled(k).all():
+            return False
+        drawn = self.simulated.get(name)
+        return drawn is None or bool(np.isnan(drawn[~self.sampled(k), k]).all())
+
+    def scale(self, k: int) -> tuple[float, str]:
+        """(factor, unit) in which output k is drawn."""
+        return scaled_unit(self.units[k], float(np.nanmax(np.abs(self.measured[:, k]))))
+
+    def residual_scale(self, k: int) -> tuple[float, str]:
+        """(factor, unit) in which the residual of output k is drawn."""
+        rms = max(float(np.sqrt(np.nanmean(r[:, k] ** 2))) for r in self.residuals.values())
+        return scaled_unit(self.units[k], rms)
+
     def samples(self, k: int) -> Samples:
         """The residual of output k, at its samples alone."""
         own = self.sampled(k)
@@ -137,6 +175,10 @@ class Curves:
     def is_test(self) -> np.ndarray:
         """Which windows were held out, (window,)."""
         return self.part == self.parts.index(HELD_OUT)
+
+    def windows_of(self, part: str) -> np.ndarray:
+        """Which windows belong to a part, (window,); none where the record has no such part."""
+        return self.part == self.parts.index(part) if part in self.parts else np.zeros(len(self.part), bool)
 
     def spans(self, mask: np.ndarray) -> list[tuple[float, float]]:
         """From where to where, on x, the windows of `mask` (window,) reach; neighbours are joined."""

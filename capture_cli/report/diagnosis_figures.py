@@ -56,8 +56,8 @@ def _before_after(diagnosis: Diagnosis) -> Figure:
     figure, axes = rows(curves.measured.shape[1], [1.9, 1.2])
     handles = []
     for k, (over, under) in enumerate(axes):
-        outputs = draw_outputs(over, diagnosis, curves, k)
-        handles.append([*outputs, *draw_residuals(under, diagnosis, curves, k)])
+        outputs = draw_outputs(over, curves, k)
+        handles.append([*outputs, *draw_residuals(under, curves, k)])
     return finish(figure, axes, curves, max(handles, key=len))
 
 

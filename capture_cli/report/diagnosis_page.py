@@ -26,7 +26,7 @@ def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
     return page(
         "diagnosis_page.html",
         plots=plots,
-        curves=curve_plots.curve_views(diagnosis, curves),
+        curves=curve_plots.curve_views(curves),
         document=record,
         provenance=provenance,
         badge=findings.TITLES[record.verdict],
@@ -55,7 +55,7 @@ def _plots(diagnosis: Diagnosis, curves: Curves) -> dict[str, Any]:
         "absorbed": diagnosis_plots.absorbed(diagnosis.record),
     }
     for k in range(len(diagnosis.attributes["outputs"])):
-        plots[f"overlay-{k}"] = curve_plots.overlay(diagnosis, curves, k)
+        plots[f"overlay-{k}"] = curve_plots.overlay(curves, k)
         plots[f"localisation-{k}"] = diagnosis_plots.localisation(diagnosis, k)
     return {name: figure for name, figure in plots.items() if figure}
 

@@ -19,7 +19,7 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
     return page(
         "estimate_page.html",
         plots=plots,
-        curves=curve_plots.curve_views(estimate, curves),
+        curves=curve_plots.curve_views(curves),
         document=record,
         provenance=provenance,
         badge=findings.TITLES[record.verdict],
@@ -39,8 +39,8 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
 def _plots(estimate: Estimate, curves: Curves) -> dict[str, Any]:
     plots = {}
     for k in range(len(estimate.attributes["outputs"])):
-        plots[f"overlay-{k}"] = curve_plots.overlay(estimate, curves, k)
-        plots[f"residual-{k}"] = curve_plots.residual_statistics(estimate, curves, k)
+        plots[f"overlay-{k}"] = curve_plots.overlay(curves, k)
+        plots[f"residual-{k}"] = curve_plots.residual_statistics(curves, k)
     plots["correlation"] = parameter_plots.correlation_matrix(estimate)
     plots["convergence"] = parameter_plots.convergence(estimate)
     plots["recordings"] = parameter_plots.recordings(estimate.record)

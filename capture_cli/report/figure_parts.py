@@ -13,7 +13,7 @@ from matplotlib.text import Text
 from capture_cli.common.frozen import frozen
 from capture_cli.common.processes import in_processes
 from capture_cli.common.quantities import titled
-from capture_cli.report.curve_plots import SHADES, Record, has_gaps, output_scale, residual_scale, windows_of
+from capture_cli.report.curve_plots import SHADES
 from capture_cli.report.curves import Curves, thin
 
 
@@ -113,9 +113,9 @@ def rows(outputs: int, heights: Sequence[float]) -> tuple[Figure, np.ndarray]:
     return figure, axes[:, 0].reshape(count, -1)
 
 
-def draw_outputs(axis: Axes, record: Record, curves: Curves, k: int) -> list:
+def draw_outputs(axis: Axes, curves: Curves, k: int) -> list:
     """Output k, measured and simulated over time; returns the legend's handles."""
-    factor, unit = output_scale(record, curves, k)
+    factor, unit = curves.scale(k)
     values = [curves.measured[:, k], *(curves.simulated[m.name][:, k] for m in curves.models)]
     at, drawn, _ = thin(np.stack(values, axis=1) * factor, curves.slices, SETTINGS.points)
     x = curves.x[at]
@@ -126,34 +126,33 @@ def draw_outputs(axis: Axes, record: Record, curves: Curves, k: int) -> list:
         handles += axis.plot(x, values, label=m.title, **look)
     framed = [0, *(1 + i for i, m in enumerate(curves.models) if m.framed)]
     axis.set_ylim(margins(drawn[:, framed]))
-    title(axis, titled(record.attributes["outputs"][k]["name"], unit))
+    title(axis, titled(curves.names[k], unit))
     shade_parts(axis, curves)
     return handles
 
 
 def _drawn(curves: Curves, name: str, k: int, color: str, width: float, dash="-") -> dict:
     """How a curve of output k looks: by points where it has gaps."""
-    if has_gaps(curves, name, k):
+    if curves.has_gaps(name, k):
         return {"color": color, "ls": "", "marker": "o", "mew": 0, "ms": 1.6 * width**0.5}
     return {"color": color, "ls": dash, "lw": width}
 
 
-def draw_residuals(axis: Axes, record: Record, curves: Curves, k: int) -> list:
+def draw_residuals(axis: Axes, curves: Curves, k: int) -> list:
     """Residual of output k over time, and the noise floor; returns the legend's handles of the floor."""
-    output = record.attributes["outputs"][k]
-    factor, unit = residual_scale(record, curves, k)
+    factor, unit = curves.residual_scale(k)
     drawn_models = [m for m in curves.models if m.residual_color]
     values = np.stack([curves.residuals[m.name][:, k] for m in drawn_models], axis=1)
     at, drawn, _ = thin(values * factor, curves.slices, SETTINGS.points)
     for m, series in reversed(list(zip(drawn_models, drawn.T, strict=True))):
         axis.plot(curves.x[at], series, **_drawn(curves, "residual", k, PALETTE[m.residual_color], 0.8))
-    floor, handles = record.record.noise_floor.get(output["name"]), []
+    floor, handles = curves.floors[k], []
     if floor:
         look = {"color": PALETTE["--floor"], "alpha": 0.18, "lw": 0}
         axis.axhspan(-2 * floor * factor, 2 * floor * factor, **look)
         handles = [Patch(label="noise floor ±2 sd", **look)]
     axis.axhline(0, color=RULE, lw=0.8, zorder=0)
-    title(axis, f"{titled(output['name'], unit)}, measured minus simulated")
+    title(axis, f"{titled(curves.names[k], unit)}, measured minus simulated")
     shade_parts(axis, curves)
     return handles
 
@@ -165,7 +164,7 @@ def finish(figure: Figure, axes: np.ndarray, curves: Curves, handles: list) -> F
     last = axes.ravel()[-1]
     last.set_xlabel(curves.x_title)
     last.set_xlim(curves.x.min(), curves.x.max())
-    shaded = {part: PALETTE[s] for part, s in SHADES.items() if windows_of(curves, part).any()}
+    shaded = {part: PALETTE[s] for part, s in SHADES.items() if curves.windows_of(part).any()}
     patches = [Patch(color=color, alpha=0.15, lw=0, label=part) for part, color in shaded.items()]
     legend(figure, [*handles, *patches])
     return figure
@@ -203,7 +202,7 @@ def restrain(axis: Axes) -> None:
 def shade_parts(axis: Axes, curves: Curves) -> None:
     """Shade what was not fitted."""
     for part, shade in SHADES.items():
-        for a, b in curves.spans(windows_of(curves, part)):
+        for a, b in curves.spans(curves.windows_of(part)):
             axis.axvspan(a, b, color=PALETTE[shade], alpha=0.09, lw=0)
 
 

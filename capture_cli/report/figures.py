@@ -33,8 +33,8 @@ def write_figures(estimate: Estimate, folder: Path) -> list[Path]:
     """
     curves = Curves.of(estimate)
     drawings = {
-        "overlay": partial(_overlay, estimate, curves),
-        "residual": partial(_residual, estimate, curves),
+        "overlay": partial(_overlay, curves),
+        "residual": partial(_residual, curves),
     }
     if estimate.record.parameters:
         drawings["parameters"] = partial(_parameters, estimate)
@@ -43,15 +43,15 @@ def write_figures(estimate: Estimate, folder: Path) -> list[Path]:
     return save(drawings, folder)
 
 
-def _overlay(estimate: Estimate, curves: Curves) -> Figure:
+def _overlay(curves: Curves) -> Figure:
     figure, axes = rows(curves.measured.shape[1], [1.9])
-    handles = [draw_outputs(axis, estimate, curves, k) for k, (axis,) in enumerate(axes)]
+    handles = [draw_outputs(axis, curves, k) for k, (axis,) in enumerate(axes)]
     return finish(figure, axes, curves, handles[-1])
 
 
-def _residual(estimate: Estimate, curves: Curves) -> Figure:
+def _residual(curves: Curves) -> Figure:
     figure, axes = rows(curves.measured.shape[1], [1.5])
-    handles = [draw_residuals(axis, estimate, curves, k) for k, (axis,) in enumerate(axes)]
+    handles = [draw_residuals(axis, curves, k) for k, (axis,) in enumerate(axes)]
     return finish(figure, axes, curves, max(handles, key=len))
 
 
