@@ -1,7 +1,7 @@
 """A user's own machine: an MJCF and a `task.toml` that says what is open, what drives it and what was measured."""
 
 import json
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import mujoco
@@ -28,13 +28,15 @@ _JOINT_SENSORS = {
     int(mujoco.mjtJoint.mjJNT_BALL): "ballquat",
 }
 _AXES = {1: ("",), 2: ("_x", "_y"), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z")}
-_TOP = ("format", "name", "model", "parameters", "inputs", "outputs", "log", "reward")
-_OF_PARAMETERS = ("set", "low", "high", "unit", "nominal")
-_OF_INPUTS = ("column", "unit", "column_unit", "scale", "offset", "interpolate", "late")
-_OF_OUTPUTS = ("column", "unit", "column_unit", "scale", "offset", "noise_sd", "period", "sparse")
-_OF_LOG = ("time", "time_scale", "episode", "window")
-_OF_REWARD = ("duration", "points", "outputs")
-_OF_GOALS = ("target", "within", "at", "weight")
+KEYS = {  # of the file, and of its tables
+    "": ("format", "name", "model", "parameters", "inputs", "outputs", "log", "reward"),
+    "parameters": ("set", "low", "high", "unit", "nominal"),
+    "inputs": ("column", "unit", "column_unit", "scale", "offset", "interpolate", "late"),
+    "outputs": ("column", "unit", "column_unit", "scale", "offset", "noise_sd", "period", "sparse"),
+    "log": ("time", "time_scale", "episode", "window"),
+    "reward": ("duration", "points", "outputs"),
+    "reward.outputs": ("target", "within", "at", "weight"),
+}
 
 
 class MjcfFile(Task):
@@ -42,7 +44,7 @@ class MjcfFile(Task):
 
     def __init__(self, path: Path):
         self.path = Path(path)
-        table = Table(read_toml(self.path, TaskError), str(self.path), _TOP)
+        table = Table(read_toml(self.path, TaskError), str(self.path), KEYS[""])
         if table.entry.get("format") != FORMAT or isinstance(table.entry["format"], bool):
             raise table.error(
                 f"{table.given('format')}; this program reads {FORMAT}",
@@ -50,7 +52,7 @@ class MjcfFile(Task):
             )
         self.name = table.text("name", self.path.parent.name)
         self.model_path = self.path.parent / table.text("model")
-        opened = [(name, own, _set_texts(own)) for name, own in _tables(table, "parameters", _OF_PARAMETERS)]
+        opened = [(name, own, _set_texts(own)) for name, own in _tables(table, "parameters")]
         self.model = compile_file(self.model_path, _moved_centres([texts for *_, texts in opened]))
         self._targets: list[tuple[int, Target]] = []  # with the number of the parameter that sets each
         parameters = []
@@ -61,18 +63,16 @@ class MjcfFile(Task):
             parameters.append(parameter)
         self._targets.sort(key=lambda numbered: not numbered[1].scales)
         self.space = ParameterSpace(parameters)
-        self.inputs = tuple(self._input(name, own) for name, own in _tables(table, "inputs", _OF_INPUTS))
+        self.inputs = tuple(self._input(name, own) for name, own in _tables(table, "inputs"))
         self.outputs = tuple(
-            channel
-            for name, own in _tables(table, "outputs", _OF_OUTPUTS)
-            for channel in self._output(name, own)
+            channel for name, own in _tables(table, "outputs") for channel in self._output(name, own)
         )
         if not self.outputs:
             raise table.error("no [outputs.NAME]", cure="name at least one sensor of the model as an output")
-        self.log = _log_columns(Table(table.entry.get("log", {}), f"{self.path}: [log]", _OF_LOG))
+        self.log = _log_columns(Table(table.entry.get("log", {}), f"{self.path}: [log]", KEYS["log"]))
         self.reward = None
         if "reward" in table:
-            self.reward = self._reward(Table(table.entry["reward"], f"{self.path}: [reward]", _OF_REWARD))
+            self.reward = self._reward(Table(table.entry["reward"], f"{self.path}: [reward]", KEYS["reward"]))
 
     def write(self, fields, parameters):
         for column, target in self._targets:
@@ -183,8 +183,9 @@ class MjcfFile(Task):
         entries = own.tables("outputs")
         if not entries:
             raise own.error("no goal", cure="write [reward.outputs.NAME] with target and within")
+        places = f"{own.where[:-1]}.outputs"
         goals = tuple(
-            self._goal(name, Table(entry, f"{own.where[:-1]}.outputs.{name}]", _OF_GOALS), duration)
+            self._goal(name, Table(entry, f"{places}.{name}]", KEYS["reward.outputs"]), duration)
             for name, entry in entries
         )
         return Reward(goals, duration, int(points))
@@ -216,10 +217,10 @@ class MjcfFile(Task):
         return did_you_mean(name, filter(None, names))
 
 
-def _tables(table: Table, key: str, keys: Collection[str]) -> Iterator[tuple[str, Table]]:
-    """The tables in that of `key`, each of which may have `keys`, by name."""
+def _tables(table: Table, key: str) -> Iterator[tuple[str, Table]]:
+    """The tables in that of `key`, by name."""
     for name, entry in table.tables(key):
-        yield name, Table(entry, f"{table.where}: [{key}.{name}]", keys)
+        yield name, Table(entry, f"{table.where}: [{key}.{name}]", KEYS[key])
 
 
 def _log_columns(own: Table) -> LogColumns:
