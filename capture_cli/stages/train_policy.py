@@ -40,9 +40,10 @@ from capture_cli.store.provenance import Provenance
 class SETTINGS:
     evaluated: int = 200  # parameter sets of the evaluation curve, the same ones every time
     held_out: int = 500  # others, that the finished policy is judged on, and the random one
-
-
-TRIED, SAME = 64, 1e-9  # random episodes, and rewards, of 1 at most, that are one
+    tried: int = 64  # random episodes, before the training
+    # of rewards, whose scale is 1
+    same: float = 1e-9  # those that differ by less are one
+    mirrored: float = 1e-3  # the mean difference of those of mirrored episodes
 
 
 @takes_options
@@ -132,23 +133,24 @@ def _is_mirrored(simulator: Simulator, effects: EffectRanges) -> bool:
     if not effects.placed:
         return True
     task = simulator.task
-    points, uniform = _drawn(task, effects, np.random.default_rng(0), TRIED)
+    points, uniform = _drawn(task, effects, np.random.default_rng(0), SETTINGS.tried)
     parameters, of_effects = np.split(points, [len(task.space)], axis=1)
     mirrored = np.concatenate([task.mirror_parameters(parameters), of_effects], axis=1)
     actions = task.draw_actions(uniform)
     sides = ((points, actions), (mirrored, task.mirror_actions(actions)))
     rewards = [judge(task, acted, *simulator.trajectories(under, acted))[0] for under, acted in sides]
-    return float(np.abs(rewards[0] - rewards[1]).mean()) < 1e-3
+    return float(np.abs(rewards[0] - rewards[1]).mean()) < SETTINGS.mirrored
 
 
 def _refuse_constant(simulator: Simulator, effects: EffectRanges) -> None:
     """Raise OptionError where every random episode is worth the same: the inputs move no output with a goal."""
     task = simulator.task
-    points, uniform = _drawn(task, effects, np.random.default_rng(0), TRIED)
+    points, uniform = _drawn(task, effects, np.random.default_rng(0), SETTINGS.tried)
     rewards, _ = evaluate(REGISTRY.get("random")(task), simulator, points, uniform)
-    if np.ptp(rewards) < SAME:
+    if np.ptp(rewards) < SETTINGS.same:
         raise OptionError(
-            f"--task {task.path}: each of {TRIED} random episodes is worth {rewards[0]:.3g}, so nothing can be learned",
+            f"--task {task.path}: each of {SETTINGS.tried} random episodes is worth {rewards[0]:.3g}, so nothing can "
+            "be learned",
             cure="give [reward] goals for outputs that the inputs move, or a wider `within`",
         )
 

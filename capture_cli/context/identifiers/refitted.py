@@ -1,5 +1,7 @@
 """Identifiers of whole logs, judged round by round: after every round they fit all that was measured so far."""
 
+from collections import deque
+
 import numpy as np
 
 from capture_cli.common.frozen import frozen
@@ -30,14 +32,14 @@ class Refitted(RoundIdentifier):
         if self.simulate is None:
             raise ValueError(f"{type(self).__name__} runs simulations of its own: give it `simulate`")
         self.noise_sd = SETTINGS.weight_sd * np.array([f.scale for f in signature.features])
-        self._actions: list[np.ndarray] = []
-        self._measured: list[np.ndarray] = []
+        self._actions: deque[np.ndarray] = deque(maxlen=SETTINGS.remembered)
+        self._measured: deque[np.ndarray] = deque(maxlen=SETTINGS.remembered)
         self._fits: list[Identifier | None] = [None] * len(self.start)
 
     def tell(self, actions, simulated, measured) -> None:
         self.round += 1
-        self._actions = [*self._actions, actions][-SETTINGS.remembered :]
-        self._measured = [*self._measured, measured][-SETTINGS.remembered :]
+        self._actions.append(actions)
+        self._measured.append(measured)
         actions, measured = np.stack(self._actions, axis=1), np.stack(self._measured, axis=1)
         fits = self._fits = [self._fit(pair, measured[pair]) for pair in range(len(measured))]
         while going := [pair for pair, fit in enumerate(fits) if not fit.done]:
