@@ -9,9 +9,8 @@ import typer
 from capture_cli.errors import OptionError
 from capture_cli.options.base import range_of, short
 
-UsageError = (
-    typer.BadParameter.__base__
-)  # of the library that reads options, which typer does not give a name
+# of the library that reads options, which typer does not give a name
+UsageError = typer.BadParameter.__base__
 
 
 def wrong_usage(error: UsageError, arguments: Sequence[str]) -> OptionError:

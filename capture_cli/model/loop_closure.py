@@ -67,9 +67,8 @@ class LoopClosure:
         for position, velocity in zip(qpos, qvel, strict=True):
             self._go(position)
             off.append([self.data.efc_pos[: self.data.ne].copy(), self._jacobian @ velocity])
-        most = max(
-            len(position) for position, _ in off
-        )  # where a constraint has rows of zeros, MuJoCo leaves them out
+        # where a constraint has rows of zeros, MuJoCo leaves them out
+        most = max(len(position) for position, _ in off)
         return np.sqrt(np.mean(np.square([o for o in off if len(o[0]) == most]), axis=0))
 
     def follow(

@@ -66,9 +66,8 @@ class BodyMass(Target):
 
     def write(self, fields, values):
         mass = fields["body_mass"][:, self.body]
-        ratio = np.divide(
-            values, mass, out=np.ones(len(mass)), where=mass > 0
-        )  # a point mass where there was none
+        # a point mass where there was none
+        ratio = np.divide(values, mass, out=np.ones(len(mass)), where=mass > 0)
         fields["body_mass"][:, self.body] = values
         fields["body_inertia"][:, self.body] *= ratio[:, None]
 

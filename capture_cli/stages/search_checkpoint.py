@@ -31,11 +31,8 @@ class SETTINGS:
 
 
 OPTIONS = ("task", "test", "window", "starts", "seed")
-ENDS = (
-    "most_effects",
-    "expression",
-    "time_limit",
-)  # options that say how far to go: the steps until there are the same
+# options that say how far to go: the steps until there are the same
+ENDS = ("most_effects", "expression", "time_limit")
 
 
 class StepFiles(Checkpoint):

@@ -98,9 +98,8 @@ def local_motion(near: Neighbours, series: np.ndarray, noise_sd: np.ndarray) -> 
     little of how wrong its derivative is.
     """
     unseen = _unseen(near)
-    near = replace(
-        near, time=near.time - unseen[:, None]
-    )  # what is far is taken to be as at the nearest sample
+    # what is far is taken to be as at the nearest sample
+    near = replace(near, time=near.time - unseen[:, None])
     centre, shape = SETTINGS.half_widths[-1], series[:, 0].shape
     noise = np.tile(np.asarray(noise_sd, dtype=float), (shape[0], 1))
     best = LocalMotion(

@@ -42,11 +42,8 @@ class SETTINGS:
     searches: int = 3  # times that it looks for windows that got stuck
     updates: int = 3  # steps in a row with sensitivities that were updated rather than measured
     pace: int = 8  # rounds: how fast a descent goes is how far it came in these
-    damped: tuple[float, ...] = (
-        0.1,
-        1.0,
-        10.0,
-    )  # of a window's curvature: by what its initial states move less
+    # of a window's curvature: by what its initial states move less
+    damped: tuple[float, ...] = (0.1, 1.0, 10.0)
     let_go: float = 10.0  # a window's damping is so many times less after each step
 
 

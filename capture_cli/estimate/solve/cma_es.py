@@ -93,9 +93,8 @@ class CmaEs(Identifier):
             self._best = Best(
                 self.space.from_unit(self._best_x), self._corrections(residuals[chosen]), self._error(left)
             )
-            self._at = replace(
-                self._at, corrections=self._best.corrections
-            )  # where the next candidates begin
+            # where the next candidates begin
+            self._at = replace(self._at, corrections=self._best.corrections)
         self._generation += 1
         self._stalled += 1
         if self._lowest < 0.999**2 * self._milestone:

@@ -42,12 +42,8 @@ class SETTINGS:
     insensitive: float = 10.0
 
 
-BY_WINDOW = (
-    "corrections",
-    "residual",
-    "by_parameter",
-    "by_initial",
-)  # arrays of a linearization, (window, ...)
+# arrays of a linearization, (window, ...)
+BY_WINDOW = ("corrections", "residual", "by_parameter", "by_initial")
 
 
 @dataclass(frozen=True)

@@ -168,9 +168,8 @@ class MotorEncoders:
     def tell_speed(self, logged: Set[int] | None) -> bool:
         """Whether a start that was read off the columns `logged`, all where None, has the speed of the rotor."""
         other = self.other_speeds if logged is None else self.other_speeds & logged
-        return bool(
-            self.speeds or (self.positions and not other)
-        )  # without one of its own it is the position's
+        # without one of its own it is the position's
+        return bool(self.speeds or (self.positions and not other))
 
     def begin_with_speed(self, qvel: np.ndarray, rate: np.ndarray) -> None:
         """Take d' off the speed (simulation, dof) of the joint."""

@@ -15,15 +15,8 @@ from capture_cli.model.effects.base import Effect
 
 PACKAGE = __name__.split(".", 1)[0]
 MADE_BY_EXPORT = "made by `capture export`"
-GIVEN = {
-    "qpos",
-    "qvel",
-    "act",
-    "ctrl",
-    "time",
-    "qfrc_applied",
-    "xfrc_applied",
-}  # of MjData: not worked out by mj_step
+# of MjData: not worked out by mj_step
+GIVEN = {"qpos", "qvel", "act", "ctrl", "time", "qfrc_applied", "xfrc_applied"}
 Pieces = Mapping[str, tuple[Effect, Companion]]
 
 

@@ -30,12 +30,8 @@ class SETTINGS:
     slowest_step: float = 1.0  # s of a core; a fit takes a million steps
 
 
-MUJOCO_ERRORS = (
-    ValueError,
-    RuntimeError,
-    MemoryError,
-    mujoco.FatalError,
-)  # of a model that MuJoCo does not take
+# of a model that MuJoCo does not take
+MUJOCO_ERRORS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
 _XML = (".xml", ".mjcf", ".urdf")
 _NO_MEMORY = ("allocate memory", "unknown exception")  # what MuJoCo says where there is none left
 _OBJECTS = {  # how the names of a model's fields begin, and of what they are
@@ -66,9 +62,8 @@ def compile_file(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjMo
     compiling = _Compiling(path, moved_centres)
     if not CAN_LIMIT:
         return compiling()
-    file = os.memfd_create(
-        "model.mjb"
-    )  # both processes have it open; no other sees it, and it ends with them
+    # both processes have it open; no other sees it, and it ends with them
+    file = os.memfd_create("model.mjb")
     name = f"/proc/self/fd/{file}"
     try:
         limited(lambda: compiling.save(name), seconds=SETTINGS.seconds, memory=SETTINGS.memory)
