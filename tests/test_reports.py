@@ -248,6 +248,19 @@ def test_a_narrow_terminal_cuts_nothing_off_the_tables(width):
         assert any(line[0] == name and parameter["unit"] in " ".join(line) for line in lines)
 
 
+def test_names_are_whole_where_remarks_beside_them_are_broken():
+    estimate = make(
+        {
+            "motor_constant": ("N m/A", 0.0, 0.1, 0.0564, 0.0543),
+            "pend_damping": ("N m s/rad", 0.0, 1.0, 1.8e-4, 1.8e-4),
+        }
+    )
+    for parameter in estimate.document["parameters"].values():
+        parameter["identifiable"] = False
+    lines = [line.split() for line in printed(estimate, 80).splitlines() if line.strip()]
+    assert {"motor_constant", "pend_damping"} <= {line[0] for line in lines}
+
+
 # ---- the page ----
 
 

@@ -180,7 +180,7 @@ class _Screen:
                 self._text(title),
                 justify="left" if left else "right",
                 style="bold" if k == 0 else "" if title else "yellow",
-                no_wrap=not left or (k == 0 and is_too_wide),
+                no_wrap=bool(title) or k == 0,
                 overflow="fold",
             )
         for row in body:
