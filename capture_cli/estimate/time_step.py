@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit, thinned
 from capture_cli.estimate.model_fits import ModelFits
@@ -26,12 +27,28 @@ class ShorterStep:
     """point (parameter,): about where the parameters would be in steps of `finer` s, the model's being `step` s.
 
     moved: the numbers of those that would be elsewhere, by more than they are uncertain, the largest change first.
+    error: over the noise floor, about what it would be there, and what it is; None where that is no gain.
     """
 
     step: float
     finer: float
     point: np.ndarray
     moved: list[int]
+    error: tuple[float, float] | None
+
+
+@frozen
+class SETTINGS:
+    as_well: float = 9.0  # of the objective over k: no worse by more, a window is explained as well
+    most_windows: float = 0.75  # of those simulated have to be
+    # of a value, or of its range where that is larger by ten times: less is nobody's concern
+    material: float = 0.003
+    sure: float = 2.0  # sd of the estimate: less is lost in them
+    # k up to which a residual is white, as is that of a log that was simulated in the model's own steps. Where it is
+    # not, something is missing in these steps, too, and that such a model is a little better says nothing of them
+    white: float = 1.5
+    little: float = 0.02  # of the objective
+    gain: float = 0.1  # of the error
 
 
 def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals) -> ShorterStep | None:
@@ -54,31 +71,37 @@ def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals)
     there = _in_steps_of(fits, part, replace(fit, at=at), finer)
     if there is None:
         return None
-    k, worse = at.inflation, FIT.as_good
-    as_well = 9.0  # of the objective over k: no worse by more, a window is explained as well
-    most_windows = 0.75  # of those simulated have to be
+    k = at.inflation
     if at.data.rough:
         led = _in_steps_of(fits, part, _led(fit, there, k), finer)
         if led is None:
             return None
-        keep = np.flatnonzero(led.objectives(k) <= at.objectives(k) + as_well * k)
-        if len(keep) < most_windows * len(part.windows):
+        keep = np.flatnonzero(led.objectives(k) <= at.objectives(k) + SETTINGS.as_well * k)
+        if len(keep) < SETTINGS.most_windows * len(part.windows):
             return None
-        at, there, worse = at.windows(keep), there.windows(keep), -FIT.as_good
+        at, there = at.windows(keep), there.windows(keep)
     left, begin = _lowest(at, k)
     left_there, end = _lowest(there, k)
-    if left_there > left + worse * k:
+    if left_there > left + (-FIT.as_good * k if at.data.rough else _may_be_worse(k, left)):
         return None
     change = (end - begin) * fit.space.span
     size = np.maximum(np.abs(fit.point), 0.1 * fit.space.span)
-    # of a value, or of its range where that is larger by ten times: less is nobody's concern
-    material = 0.003
-    sure = 2.0  # sd of the estimate: less is lost in them
-    concerns = found.identifiable & (np.abs(change) > np.maximum(material * size, sure * found.sd))
+    concerns = found.identifiable & (
+        np.abs(change) > np.maximum(SETTINGS.material * size, SETTINGS.sure * found.sd)
+    )
     moved = [int(i) for i in np.argsort(-np.abs(change) / size) if concerns[i]]
     point = np.clip(fit.point + change, fit.space.low, fit.space.high)
-    step = float(model.opt.timestep)
-    return ShorterStep(step, step / finer.effect.substeps, point, moved) if moved else None
+    step, ratio = float(model.opt.timestep), float(np.sqrt(left_there / left))
+    error = None if ratio > 1 - SETTINGS.gain else (fit.error * ratio, fit.error)
+    if not moved and error is None:
+        return None
+    return ShorterStep(step, step / finer.effect.substeps, point, moved, error)
+
+
+def _may_be_worse(k: float, left: float) -> float:
+    """By how much the objective, which is `left` in the model's own steps, may be worse in shorter ones."""
+    chance = FIT.as_good * k
+    return chance if k < SETTINGS.white else max(chance, SETTINGS.little * left)
 
 
 def _in_steps_of(fits: ModelFits, part: PreparedLog, fit: Fit, finer: Placed) -> Linearization | None:

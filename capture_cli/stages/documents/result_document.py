@@ -199,17 +199,21 @@ def time_step_of(
         return None
     would_be = {space.names[i]: (float(shorter.point[i]), float(point[i])) for i in shorter.moved}
     units = {p.name: p.unit for p in space.parameters}
-    said = ", ".join(
+    said = [
         f"{name} would be about {with_unit(significant(there), units[name])} ({significant(here)})"
         for name, (there, here) in list(would_be.items())[: SETTINGS.most_named]
-    )
+    ]
+    if shorter.error:
+        there, here = (significant(error, 2) for error in shorter.error)
+        said.insert(0, f"the error would be about {there} times the noise floor ({here})")
     factor, unit = scaled_unit("s", shorter.finer)
     text = (
         f"The model's time step is in the estimate: in steps of {bound(shorter.finer * factor)} {unit}, and not "
-        f'{bound(shorter.step * factor)}, {said}. Give the model a shorter timestep, or integrator="RK4".'
+        f'{bound(shorter.step * factor)}, {", ".join(said)}. Give the model a shorter timestep, or integrator="RK4".'
     )
     parameters = {name: there for name, (there, _) in would_be.items()}
-    return {"finer": shorter.finer, "parameters": parameters, "text": text}
+    error = shorter.error and shorter.error[0]
+    return {"finer": shorter.finer, "parameters": parameters, "error": error, "text": text}
 
 
 def input_timing_of(prepared: PreparedLog) -> dict[str, Any] | None:
