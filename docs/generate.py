@@ -322,8 +322,8 @@ _NOTES = {
     "beyond_fitted": "null, or how held-out data differs where the model fails there: {output, unit, fitted [low, "
     "high], reached, share (of the squared error, that of windows beyond the fitted range), text}",
     "impossible_inertia": "bodies whose estimated inertia no body has: {body, moments (kg m^2), text}",
-    "time_step": "null, or the model's time step in the estimate: {finer (s), parameters (about where they would be "
-    "at such steps), text}",
+    "time_step": "null, or the model's time step in the estimate: {finer (s), parameters and error (about what they "
+    "would be at such steps; error null: no less), text}",
     "time_stamps": "null, or the time-stamp jitter: {outputs (of each sd (s) and share (of its "
     "noise's variance)), explained (share of what is beyond chance; 1: all; null: nothing is beyond), text}",
     "input_timing": "null, or how inputs act between rows where the task does not say: {inputs (of each interpolate, "

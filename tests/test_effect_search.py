@@ -24,6 +24,7 @@ from capture_cli.select.balance_round import BalanceRound, _ends
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.forward_round import _settles
 from capture_cli.select.model_comparison import BETTER, NOT_WORTH_IT, TIED, WORSE, ModelComparison
+from capture_cli.select.score import Score
 from capture_cli.select.search import Accepted, Attribution
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
@@ -243,6 +244,47 @@ def test_a_rival_that_is_not_as_good_may_be_enough(explained):
     reason = selection.candidates[1].why_rejected
     assert reason.startswith("lag@drive explains more")
     assert reason.endswith("chance allows") == explained
+
+
+@pytest.mark.parametrize(
+    ("mine", "other", "alike", "asked"),
+    [
+        (19.0, 5400.0, 0.1, True),  # near null they see nothing of what the balance found
+        (None, 5400.0, 0.1, True),
+        (100.0, 85.0, 0.1, True),
+        (100.0, 50.0, 0.1, False),
+        (100.0, 50.0, 0.99, True),
+    ],
+)
+def test_what_simulations_alone_tell_of_is_a_rival_of_what_the_balance_found(
+    monkeypatch, mine, other, alike, asked
+):
+    """Friction that is harder than the model's, of a compliance."""
+    spring, hard = Placed("compliance", Named("elbow")), Placed("friction-hardness", Named("elbow"))
+    gains = {spring.name: (mine, np.array([1.0, 0.0])), hard.name: (other, np.array([alike, 0.1]))}
+
+    class FakeScores:
+        def __init__(self, *_):
+            pass
+
+        def score(self, candidates):
+            for candidate in candidates:
+                gain, response = gains[candidate.name]
+                none = np.zeros(0)
+                candidate.score = None if gain is None else Score(gain, none, none, 1.0, response)
+                candidate.why_rejected = "it explains nothing" if (gain or 0.0) < 20 else None
+
+    monkeypatch.setattr(attribution, "Scores", FakeScores)
+    selection = Attribution.__new__(Attribution)
+    selection.models = FakeModels(True)
+    selection.models.screening_about = lambda *_: SimpleNamespace(covered={spring.name})
+    selection.models.explaining_with = lambda _: set()
+    selection.on_step = lambda *_: None
+    selection.candidates = [Candidate(spring), Candidate(hard, why_rejected="not asked")]
+    selection.accepted = [Accepted(spring, None, [], None, 0.9)]
+    selection._ask_simulations_for_rivals(FakeFit((spring.name,), 1.0), selection.accepted[0])
+    assert [r.name for r in selection.accepted[0].rivals] == [hard.name] * asked
+    assert selection.candidates[1].why_rejected.startswith("fitted in the" if asked else "explains less")
 
 
 def test_what_ended_at_a_limit_is_not_fitted_in_a_larger_set_that_has_it_there():

@@ -29,7 +29,13 @@ from capture_cli.select.balance_scores import score_in_balance
 from capture_cli.select.candidates import Candidate, all_candidates, worth_a_refit
 from capture_cli.select.criterion import Support
 from capture_cli.select.forward_round import SETTINGS as FORWARD_ROUND
-from capture_cli.select.forward_round import ForwardRound, Scores, by_score, do_the_same
+from capture_cli.select.forward_round import (
+    ForwardRound,
+    Scores,
+    by_score,
+    do_the_same,
+    reject_at_first_sight,
+)
 from capture_cli.select.log_parts import Folds
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import TIED, WORSE, FittedSet, ModelComparison
@@ -473,10 +479,12 @@ class Attribution:
         """
         asked: set[tuple[str, str]] = set()
         for accepted in self.accepted:
-            if (accepted is self.accepted[-1] and accepted.rivals) or accepted.placed.law in asked:
+            if accepted.placed.law in asked:
                 continue
             asked.add(accepted.placed.law)
-            self._ask_for_rivals(current, accepted)
+            if accepted is not self.accepted[-1] or not accepted.rivals:
+                self._ask_for_rivals(current, accepted)
+            self._ask_simulations_for_rivals(current, accepted)
 
     def _ask_for_rivals(self, current: Fit, accepted: Accepted) -> None:
         """Those of one accepted effect, by what the model without it leaves."""
@@ -494,6 +502,35 @@ class Attribution:
         new, _ = worth_a_refit([c for c in new if c is not mine])
         accepted.score = mine.score
         accepted.rivals = [*(c for c in ranked if c.name in known), *new[: FORWARD_ROUND.rivals]]
+
+    def _ask_simulations_for_rivals(self, current: Fit, accepted: Accepted) -> None:
+        """Those of an effect that the balance found, among what simulations alone tell of, scored beside it by these:
+        soft friction and friction that holds at first like a spring do the same.
+        """
+        without = self.models.without(current, accepted.name)
+        screening = None if without is None else self.models.screening_about(without, self._step)
+        if screening is None or accepted.name not in screening.covered:
+            return
+        mine = replace(self._candidate(accepted.name))
+        others = [replace(c) for c in self._outside if c.name not in screening.covered]
+        Scores(self.models, without, self._step).score([mine, *others])
+        if not (ranked := by_score(others)):
+            return
+        # near null these may see little of what the balance found, whose own score is no measure of others then
+        most = max([mine, ranked[0]] if mine.score else ranked[:1], key=lambda c: c.score.gain)
+        known = self.models.explaining_with({a.name for a in self.accepted} - {accepted.name})
+        new = [
+            c
+            for c in ranked
+            if c.name in known
+            or _may_rival(most.score, c.score)
+            or (mine.score and do_the_same(mine.score, c.score))
+        ][: FORWARD_ROUND.rivals]
+        accepted.rivals = [*accepted.rivals, *new]
+        reject_at_first_sight([c for c in ranked if c not in new], [most])
+        for candidate in others:
+            does_not_hold = f"fitted in the place of {accepted.name} it does not hold"
+            self._candidate(candidate.name).why_rejected = candidate.why_rejected or does_not_hold
 
     def _scored(self, current: Fit, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Those of the candidates that their scores speak for in `current`, best first."""
