@@ -205,7 +205,7 @@ def time_step_of(
     ]
     if shorter.error:
         there, here = (significant(error, 2) for error in shorter.error)
-        said.insert(0, f"the error would be about {there} times the noise floor ({here})")
+        said.append(f"the error would be about {there} times the noise floor ({here})")
     factor, unit = scaled_unit("s", shorter.finer)
     text = (
         f"The model's time step is in the estimate: in steps of {bound(shorter.finer * factor)} {unit}, and not "
