@@ -280,7 +280,7 @@ def test_what_simulations_alone_tell_of_is_a_rival_of_what_the_balance_found(
     selection.models.screening_about = lambda *_: SimpleNamespace(covered={spring.name})
     selection.models.explaining_with = lambda _: set()
     selection.on_step = lambda *_: None
-    selection.candidates = [Candidate(spring), Candidate(hard, why_rejected="not asked")]
+    selection.candidates = [Candidate(spring), Candidate(hard, why_rejected=attribution.NOT_ASKED)]
     selection.accepted = [Accepted(spring, None, [], None, 0.9)]
     selection._ask_simulations_for_rivals(FakeFit((spring.name,), 1.0), selection.accepted[0])
     assert [r.name for r in selection.accepted[0].rivals] == [hard.name] * asked

@@ -61,6 +61,7 @@ class SETTINGS:
 
 
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
+NOT_ASKED = "not asked: simulations alone tell of it, and the force balance found another"
 STEPS_AS_WELL = "{mine} does as well, and so do steps of this length"
 
 
@@ -377,9 +378,7 @@ class Attribution:
             return None
         for candidate in self._outside:
             if candidate.name not in balance.candidates:
-                candidate.why_rejected = (
-                    "not asked: simulations alone tell of it, and the force balance found another"
-                )
+                candidate.why_rejected = NOT_ASKED
         return choice
 
     def _with(self, chosen: FittedSet, rivals: list[Candidate], current: Fit) -> Fit:
@@ -512,25 +511,29 @@ class Attribution:
         if screening is None or accepted.name not in screening.covered:
             return
         mine = replace(self._candidate(accepted.name))
-        others = [replace(c) for c in self._outside if c.name not in screening.covered]
+        asked = {r.name for r in accepted.rivals} | screening.covered
+        others = [replace(c) for c in self._outside if c.name not in asked]
         Scores(self.models, without, self._step).score([mine, *others])
-        if not (ranked := by_score(others)):
-            return
+        ranked = by_score(others)
         # near null these may see little of what the balance found, whose own score is no measure of others then
-        most = max([mine, ranked[0]] if mine.score else ranked[:1], key=lambda c: c.score.gain)
-        known = self.models.explaining_with({a.name for a in self.accepted} - {accepted.name})
+        most = max(
+            (c for c in (mine, *ranked[:1]) if c.score is not None), key=lambda c: c.score.gain, default=mine
+        )
+        explaining = self.models.explaining_with({a.name for a in self.accepted} - {accepted.name})
         new = [
             c
             for c in ranked
-            if c.name in known
+            if c.name in explaining
             or _may_rival(most.score, c.score)
-            or (mine.score and do_the_same(mine.score, c.score))
+            or (mine.score is not None and do_the_same(mine.score, c.score))
         ][: FORWARD_ROUND.rivals]
         accepted.rivals = [*accepted.rivals, *new]
         reject_at_first_sight([c for c in ranked if c not in new], [most])
         for candidate in others:
             does_not_hold = f"fitted in the place of {accepted.name} it does not hold"
-            self._candidate(candidate.name).why_rejected = candidate.why_rejected or does_not_hold
+            own = self._candidate(candidate.name)
+            if own.why_rejected in (None, NOT_ASKED):
+                own.why_rejected = candidate.why_rejected or does_not_hold
 
     def _scored(self, current: Fit, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Those of the candidates that their scores speak for in `current`, best first."""
