@@ -25,12 +25,14 @@ def begun_inside(
     stretches: Sequence[slice] = (),
     states: np.ndarray | None = None,
     fields: dict[str, np.ndarray] | None = None,
+    late: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions (simulation, step) of a machine with one joint and one actuator, from the steps `first` of a log on:
     as recorded, and begun there.
 
     values (parameter,); tape (step,): set points; stretches: the episodes of the log, one where there are none;
-    states (simulation, state) of the effect; fields: of the model, what is other than there.
+    states (simulation, state) of the effect; fields: of the model, what is other than there; late: steps by which the
+    log shows the path late.
     """
     model, first = effect.model, np.array(first)
     own = ModelFields(model, 1), ModelFields(model, len(first))
@@ -47,12 +49,13 @@ def begun_inside(
         keep=Keep(states=True),
     )
     path = whole.qpos[0, :, 0]
+    shown = np.concatenate([np.full(late, path[0]), path[: len(path) - late]])
     effect.look_in(
         SeenLog(
             window=LENGTH * timestep,
             longest=len(tape) * timestep,
             logged=frozenset([0]),
-            seen={effect.joint: _seen(path, tape, stretches or [slice(0, len(path))], model)},
+            seen={effect.joint: _seen(shown, tape, stretches or [slice(0, len(path))], model)},
         )
     )
     each = np.repeat(values[None], len(first), axis=0)
@@ -63,7 +66,11 @@ def begun_inside(
         ),
         controls=tape[inside][..., None],
         fields=own[1],
-        forces=[effect.force(each, timestep, states=states, first=first)],
+        forces=[
+            effect.force(
+                each, timestep, states=states, first=first, late=np.full((len(first), 1), late * timestep)
+            )
+        ],
         keep=Keep(states=True),
     )
     return path[inside], begun.qpos[..., 0]

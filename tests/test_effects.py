@@ -710,8 +710,9 @@ def test_a_loose_mass_is_a_body_on_a_spring(loose, frequency, damping_ratio, beg
     assert error < 0.01 * error_rigid
 
 
+@pytest.mark.parametrize("late", [0, 4], ids=["in time", "late"])
 @pytest.mark.parametrize(("frequency", "damping_ratio"), [(1.3, 0.003), (6.0, 0.3), (18.0, 0.01)])
-def test_a_loose_mass_begins_inside_a_log_as_the_log_shook_it(frequency, damping_ratio):
+def test_a_loose_mass_begins_inside_a_log_as_the_log_shook_it(frequency, damping_ratio, late):
     turning, loose = 2 * np.pi * frequency, 0.3
     load = LOAD.format(loose=loose, stiffness=loose * turning**2, damping=2 * damping_ratio * loose * turning)
     two = build(WITH_A_LOAD.format(rest=1 - loose, load=load))
@@ -726,13 +727,15 @@ def test_a_loose_mass_begins_inside_a_log_as_the_log_shook_it(frequency, damping
     effect = effects.REGISTRY.get("loose-mass")(one, "l")
     sampled = slice(None, None, 5)
     path, time = truth[sampled, 0], np.arange(6000)[sampled] * 1e-3
+    path = np.concatenate([np.full(late, path[0]), path[: len(path) - late]])
+    shown = np.full((3, 1), late * 5e-3)  # s
     whole, at_rest = (slice(0, len(path)),), np.zeros(1)
     seen = JointMotion(path.min(), path.max(), 1.0, path, whole, 0.0, time, begun=at_rest, begun_sd=at_rest)
     effect.look_in(SeenLog(0.5, 6.0, frozenset({0}), {0: seen}))
     at = effect.space.to_vector({"mass": loose, "frequency": frequency, "damping_ratio": damping_ratio})
 
     def error(in_log):
-        force = effect.force(np.tile(at, (3, 1)), 1e-3, first=in_log)
+        force = effect.force(np.tile(at, (3, 1)), 1e-3, first=in_log, late=shown)
         moving = rollouts.qpos[0, first, :1], rollouts.qvel[0, first, :1]
         initial = InitialStates(*moving, np.zeros((3, 0)), np.zeros(3))
         own = np.stack([tape[0, a : a + 500] for a in first])

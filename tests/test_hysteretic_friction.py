@@ -65,7 +65,7 @@ def test_what_was_before_a_window_is_followed_through_what_was_measured(tmp_path
     prepared, truth = prepared_log(tmp_path, *PLANTED)
     placed = candidate(prepared)
     followed = ModelFits(prepared, 1).fit(prepared, [placed], truth).error
-    placed.effect._wound = lambda given, first, _: np.zeros(len(first))
+    placed.effect._wound = lambda given, begins: np.zeros(len(begins.first))
     assert followed < 1.1 < 2 < ModelFits(prepared, 1).fit(prepared, [placed], truth).error
 
 
@@ -144,7 +144,8 @@ def test_a_log_that_begins_wound_up_is_followed_from_there_until_that_is_forgott
     assert effect.states_sd(np.array([700, 1900])).tolist() == [[True, True], [True, False]]
 
 
-def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did():
+@pytest.mark.parametrize("late", [0, 7], ids=["in time", "late"])
+def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did(late):
     effect, tape = rig()
-    log, begun = begun_inside(effect, np.array([3.0, 0.05]), tape, [0, 300, 1000, 1777])
+    log, begun = begun_inside(effect, np.array([3.0, 0.05]), tape, [0, 300, 1000, 1777], late=late)
     np.testing.assert_allclose(begun, log, atol=1e-9)

@@ -191,7 +191,7 @@ def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_pa
     placed, fit, prepared = fitted(log, pan_tilt(tmp_path))
     assert fit.error < 1.1
     np.testing.assert_allclose(fit.point[-2:], [KI, LIMIT], rtol=0.05)
-    placed.effect.integral = lambda *, first, **_: np.zeros(len(first))
+    placed.effect.integral = lambda *, begins, **_: np.zeros(len(begins.first))
     assert ModelFits(prepared, 1).fit(prepared, [placed], truth).error > 2
 
 
@@ -311,11 +311,14 @@ def waves(model: mujoco.MjModel, seconds: float, size: float = 0.1) -> np.ndarra
     return size * (np.sin(5 * time) + np.sin(13 * time + 1)) / 2
 
 
+@pytest.mark.parametrize("late", [0, 7], ids=["in time", "late"])
 @pytest.mark.parametrize("limit", [0.002, 0.5], ids=["clamped", "unlimited"])
-def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did(limit):
+def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did(limit, late):
     model = build(SERVO.replace("{}", ""))
     effect = effects.REGISTRY.get("servo-integral")(model, "servo")
-    log, begun = begun_inside(effect, np.array([300.0, limit]), waves(model, 3.0), [0, 700, 1500, 2600])
+    log, begun = begun_inside(
+        effect, np.array([300.0, limit]), waves(model, 3.0), [0, 700, 1500, 2600], late=late
+    )
     np.testing.assert_allclose(begun, log, atol=1e-9)
 
 

@@ -57,6 +57,22 @@ def test_a_spring_that_relaxes_is_found_with_its_stiffness_and_its_time(tmp_path
     assert after < 1.2 < 2 < before
 
 
+def test_behind_a_filter_it_is_found_with_its_stiffness_and_its_time(tmp_path, monkeypatch):
+    """What it crept after before a window is the joint, not what the filter shows of it."""
+    look_among(monkeypatch, EFFECT.partition("@")[0], "sensor-low-pass", "control-lag")
+    log = recorded(
+        tmp_path,
+        f"{EFFECT}.stiffness={STIFFNESS}",
+        f"{EFFECT}.relaxation={RELAXATION}",
+        "sensor-low-pass@q.time_constant=0.02",
+    )
+    document = diagnose(log, load_task(str(tmp_path / "slider" / "task.toml")), seed=0)
+    found = {f"{e['name']}@{e['site']}": e["parameters"] for e in document["effects"]}
+    size = {name: p["value"] for name, p in found[EFFECT].items()}
+    assert size == pytest.approx({"stiffness": STIFFNESS, "relaxation": RELAXATION}, rel=0.1)
+    assert document["after"]["test"]["normalized"] < 1.1
+
+
 @given(st.floats(0.01, 10), st.integers(1, 50), st.floats(-1, 1))
 def test_a_step_of_steady_motion_is_exact_in_any_number_of_parts(relaxation, parts, way):
     whole, divided = (
@@ -103,10 +119,11 @@ def rig() -> tuple[ViscoelasticSpring, np.ndarray]:
     return ViscoelasticSpring(build(RIG), "x"), 6 * np.sin(5 * time) + 4 * np.sin(13 * time)
 
 
+@pytest.mark.parametrize("late", [0, 7], ids=["in time", "late"])
 @pytest.mark.parametrize("relaxation", [0.02, 0.3, 2.0])
-def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did(relaxation):
+def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did(relaxation, late):
     effect, tape = rig()
-    log, begun = begun_inside(effect, np.array([40.0, relaxation]), tape, [0, 300, 1000, 1777])
+    log, begun = begun_inside(effect, np.array([40.0, relaxation]), tape, [0, 300, 1000, 1777], late=late)
     np.testing.assert_allclose(begun, log, atol=1e-9)
 
 

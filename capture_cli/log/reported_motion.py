@@ -88,6 +88,16 @@ class ReportedMotion:
                 found[:, turning] = SETTINGS.most_late * turned
         return found * self.read[:, None]
 
+    def of_coordinates(self, numbers: np.ndarray, count: int) -> np.ndarray:
+        """Mean of numbers (window, column) over the columns that each of so many positions was read off, (window,
+        coordinate).
+        """
+        total, weight = np.zeros((len(numbers), count)), np.zeros(count)
+        for column, state, own in self.position:
+            total[:, state] += abs(own) * numbers[:, column]
+            weight[state] += abs(own)
+        return total / np.where(weight > 0, weight, 1.0) * self.read[:, None]
+
     def _of_states(self, value: np.ndarray, slope: np.ndarray, states: int) -> np.ndarray:
         """(window, state) of what was read off columns whose values and slopes are these, (window, column) each."""
         found = np.zeros((len(value), states))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
@@ -45,13 +45,15 @@ class InitialConditions:
     state).
 
     early (simulation,): s, before the window, where a sensor reports late. drift (simulation,): s, how much later than
-    the window's start that is by the clock of the controls.
+    the window's start that is by the clock of the controls. late (simulation, nv): s, after the window's start, when
+    the log shows each coordinate as it is at the beginning; None where no sensor differs from the truth.
     """
 
     states: InitialStates
     hidden: np.ndarray
     early: np.ndarray
     drift: np.ndarray
+    late: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ class _Drives:
 
     row (simulation,): which of them drives each. known (simulation,): how many before the first step are from the log.
     began (simulation,): s, when the episode of each did. first (simulation,): the step of the log that each begins at;
-    None where there is no log.
+    None where there is no log. late: as of InitialConditions.
     """
 
     sequences: InputSequences
@@ -100,11 +102,12 @@ class _Drives:
     steps: int
     began: np.ndarray
     first: np.ndarray | None = None
+    late: np.ndarray | None = None
 
     def of(self, some: np.ndarray) -> Self:
         """What drives the simulations of these numbers."""
-        first = None if self.first is None else self.first[some]
-        return replace(self, row=self.row[some], known=self.known[some], began=self.began[some], first=first)
+        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("sequences", "steps")}
+        return replace(self, **{name: v if v is None else v[some] for name, v in own.items()})
 
 
 @dataclass(frozen=True)
@@ -396,14 +399,17 @@ class Simulator:
             hidden = runs.corrections[:, self._own_states :]
         late = self._lateness(each, windows.elapsed[row])
         latest = late[:, self._sensors].max(axis=1, initial=0.0)
-        early = latest * runs.logged
+        early, shown = latest * runs.logged, None
         if runs.reported is not None and (self._measures or self.substeps > 1):
             here = runs.reported.rows(row)
             early = latest * here.read
-            change = self._initial_change(here, early[:, None] - late, each, windows.elapsed[row])
+            before = early[:, None] - late
+            change = self._initial_change(here, before, each, windows.elapsed[row])
             initial = shift(self.task.model, initial, change)
+            late = self._filtered_late(each, windows.elapsed[row]) - before
+            shown = here.of_coordinates(late, self.task.model.nv)
         drift = self._drift(each, windows.elapsed[row]) - early
-        return InitialConditions(replace(initial, time=initial.time + drift), hidden, early, drift)
+        return InitialConditions(replace(initial, time=initial.time + drift), hidden, early, drift, shown)
 
     def _rollout(self, runs: _Runs, keep_states: bool = False) -> Rollouts:
         """Rollouts whose sensors are the outputs on the grid of the windows."""
@@ -416,6 +422,7 @@ class Simulator:
             windows.grid + self._steps_beyond(each, windows.elapsed[row], length, conditions.early),
             began=(windows.time - windows.elapsed)[row],
             first=None if windows.first is None else windows.first[row],
+            late=conditions.late,
         )
         rollouts = self._step(conditions, drives, each, keep_states=keep_states, near=runs.near)
         return _from(rollouts, conditions.early / windows.timestep) if conditions.early.any() else rollouts
@@ -510,6 +517,16 @@ class Simulator:
             true = own.effect.true_motion(true, each[:, own.parameters], elapsed)
         return reported.initial_change(true, self._own_states, self.substeps)
 
+    def _filtered_late(self, each: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
+        """How late each column of sensordata shows a steady motion beside its lateness, s, (simulation, column)."""
+        still = np.zeros((len(each), 3, self.task.model.nsensordata))
+        steady = still.copy()
+        steady[:, 1] = 1.0
+        for own in reversed(self._placed):
+            values = each[:, own.parameters]
+            still, steady = (own.effect.true_motion(m, values, elapsed) for m in (still, steady))
+        return steady[:, 0] - still[:, 0]
+
     def _fields(self, each: np.ndarray) -> ModelFields:
         fields = ModelFields(self.task.model, len(each))
         self.task.write(fields, each[:, : len(self.task.space)])
@@ -526,6 +543,7 @@ class Simulator:
                 states=hidden[:, own.states],
                 began=drives.began,
                 first=drives.first,
+                late=drives.late,
             )
             for own in sorted(self._placed, key=lambda own: own.effect.reads_acceleration)
         ]

@@ -1,10 +1,32 @@
 """Forces that remember: with what one begins inside a log follows from where the log saw the joint before."""
 
 from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from capture_cli.model.effects._followed_log import steps_later
 from capture_cli.model.effects._joint_force import ForceOfKernel, JointForce
+
+
+@dataclass(frozen=True)
+class Begins:
+    """Where simulations begin inside a log: at its steps `first` (simulation,), with `states` (simulation, state).
+
+    late (simulation,): s, after which the log shows the joint as it is there, at the step `shown`, fractional.
+    """
+
+    first: np.ndarray
+    late: np.ndarray
+    shown: np.ndarray
+    states: np.ndarray
+    names: ClassVar[tuple[str, ...]] = ("first", "late", "shown", "states")
+
+    @property
+    def numbers(self) -> dict[str, np.ndarray]:
+        """By name."""
+        return {name: getattr(self, name) for name in self.names}
 
 
 class FollowedForce(JointForce):
@@ -17,17 +39,15 @@ class FollowedForce(JointForce):
     def shows(self):
         return super().shows and self.seen is not None
 
-    def force(self, values, timestep, *, states=None, first=None, **_):
+    def force(self, values, timestep, *, states=None, first=None, late=None, **_):
         given = self.coefficients(values)
         if first is None or self.seen is None:
             return ForceOfKernel(self, given, timestep)
         states = np.zeros((len(values), len(self.states))) if states is None else states
-        return self.force_since(given, timestep, first, states)
+        late = np.zeros(len(values)) if late is None else late[:, self.dof]
+        shown = steps_later(self.seen.time, self.seen.stretches, first, late)
+        return self.force_since(given, timestep, Begins(first, late, shown, states))
 
     @abstractmethod
-    def force_since(
-        self, given: dict[str, np.ndarray], timestep: float, first: np.ndarray, states: np.ndarray
-    ) -> ForceOfKernel:
-        """The force of simulations that begin at the steps `first` of the log, (simulation,), with `states`
-        (simulation, state); given: the kernel's coefficients, (simulation,) each.
-        """
+    def force_since(self, given: dict[str, np.ndarray], timestep: float, begins: Begins) -> ForceOfKernel:
+        """The force of simulations that begin inside the log; given: the kernel's coefficients, (simulation,) each."""

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from capture_cli.common.frozen import frozen
 from capture_cli.common.recursive_filter import recursively_filtered
-from capture_cli.model.effects._followed_log import since_stretches_began
+from capture_cli.model.effects._followed_log import at_steps, since_stretches_began, steps_later
 from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects.base import Effect, SeenLog, spread
 from capture_cli.model.parameters import Parameter
@@ -137,6 +137,14 @@ class VibrationEffect(Effect):
         """Of x, by which it is shaken, (simulation,); values (simulation, parameter)."""
         return 1.0
 
+    def shown_at(self, first: np.ndarray | None, late: np.ndarray | float | None) -> np.ndarray | None:
+        """The steps, fractional, at which the log shows x as it is where simulations begin, (simulation,); None where
+        there is no log. first: as of `force`; late (simulation,): s.
+        """
+        if self.shaken is None or first is None:
+            return None
+        return steps_later(self.shaken.time, self.shaken.stretches, first, 0.0 if late is None else late)
+
     def begins(
         self,
         values: np.ndarray,
@@ -144,18 +152,18 @@ class VibrationEffect(Effect):
         push: np.ndarray | float,
         *,
         timestep: float,
-        first: np.ndarray | None,
+        shown: np.ndarray | None,
     ) -> dict[str, np.ndarray]:
         """How it begins, (simulation,) each, at `states`; push: its usual accelerations, m/s^2 or rad/s^2.
 
-        first: as of `force`. `after` and `following` (simulation, part) are x + d and x' + d' with a share of 1, as the
-        log tells them.
+        shown (simulation,): as of `shown_at`. `after` and `following` (simulation, part) are x + d and x' + d' with a
+        share of 1, as the log tells them.
         """
         states = np.zeros((len(values), len(self.states))) if states is None else states
         turning, told = 2 * np.pi * values[:, 1], {}
         far = SETTINGS.resonates * push / turning**2
-        if self.shaken is not None and first is not None:
-            (after, following), off, swings = self.shaken.after(values[:, 1], values[:, 2], first, timestep)
+        if self.shaken is not None and shown is not None:
+            (after, following), off, swings = self.shaken.after(values[:, 1], values[:, 2], shown, timestep)
             share = self.share(values) + 0.0 * off
             far = share * np.hypot(off, self.vague * swings)
             told = {"after": after, "following": following, "share": share}
@@ -198,22 +206,19 @@ class Shaken:
         return lru_cache(maxsize=SETTINGS.kept)(self._swinging)
 
     def after(
-        self, frequency: np.ndarray, damping_ratio: np.ndarray, first: np.ndarray, timestep: float
+        self, frequency: np.ndarray, damping_ratio: np.ndarray, shown: np.ndarray, timestep: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x + d and x' + d' at the steps `first` of the log, (2, simulation, part), how far off x + d may be for the
-        noise, and how large d commonly is, (simulation,) each; the others (simulation,), too.
+        """x + d and x' + d' at the steps `shown`, fractional, of the log, (2, simulation, part), how far off x + d may
+        be for the noise, and how large d commonly is, (simulation,) each; the others (simulation,), too.
         """
-        found = np.zeros((2, len(first), self.path.shape[1]))
-        off, common = np.zeros((2, len(first)))
+        found = np.zeros((2, len(shown), self.path.shape[1]))
+        off, common = np.zeros((2, len(shown)))
         pairs, which = np.unique(np.stack([frequency, damping_ratio]), axis=1, return_inverse=True)
         for number, (own, ratio) in enumerate(pairs.T):
             rows = which.ravel() == number
             swings, off_there, displaced = self._swings(float(own), float(ratio), timestep)
-            found[:, rows], off[rows], common[rows] = (
-                swings[:, first[rows]],
-                off_there[first[rows]],
-                displaced,
-            )
+            found[:, rows] = np.stack([at_steps(each, shown[rows]) for each in swings])
+            off[rows], common[rows] = at_steps(off_there, shown[rows]), displaced
         return found, off, common
 
     def _off(self, frequency: float, damping_ratio: float) -> np.ndarray:

@@ -307,13 +307,15 @@ class Effect(ABC):
         states: np.ndarray | None = None,
         began: np.ndarray | float = 0.0,
         first: np.ndarray | None = None,
+        late: np.ndarray | None = None,
     ) -> Force | None:
         """Place "force": a fresh force with the coefficients `values` (simulation, parameter).
 
         The force is called on chunks: it indexes its coefficients, and any state it keeps, with `world.rows`.
         states (simulation, state): what its own states begin with; 0 where None. began (simulation,): when the episodes
         did, s, by the clock of the simulation. first (simulation,): the step of the log that each begins at; None where
-        there is no log.
+        there is no log. late (simulation, nv): how long after that, s, the log shows each coordinate as it is then; not
+        at all where None.
         """
         return None
 

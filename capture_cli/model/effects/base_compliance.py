@@ -148,9 +148,10 @@ class BaseCompliance(VibrationEffect):
         speed = (per_speed * world.qvel).sum(axis=1) / masses[:, self.moving].sum(axis=1)
         return centre_along(masses, world.xipos, self.moving, self.axis), speed
 
-    def force(self, values, timestep, *, states=None, first=None, **_):
+    def force(self, values, timestep, *, states=None, first=None, late=None, **_):
         agitated = 5.0  # m/s^2: accelerations of the centre of mass, commonly within
-        begins = self.begins(values, states, agitated * values[:, 0], timestep=timestep, first=first)
+        shown = self.shown_at(first, None if late is None else late.mean(axis=1))
+        begins = self.begins(values, states, agitated * values[:, 0], timestep=timestep, shown=shown)
         kind = ForceOfBase if self.accelerometers else ForceOfUnseenBase
         return kind(self, self.coefficients(values) | begins, timestep)
 

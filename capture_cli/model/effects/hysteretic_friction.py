@@ -3,7 +3,8 @@
 import numpy as np
 
 from capture_cli.log.turning_points import WaysBefore
-from capture_cli.model.effects._followed_force import FollowedForce
+from capture_cli.model.effects._followed_force import Begins, FollowedForce
+from capture_cli.model.effects._followed_log import at_steps, without_gaps
 from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects._scales import SETTINGS as SCALES
 from capture_cli.model.effects._scales import free_inertia
@@ -67,10 +68,11 @@ class HystereticFriction(FollowedForce):
         super().look_in(log)
         turned = 4.0  # times the noise of what measures the joint: less is no way back
         if self.seen is not None:
+            self._path = without_gaps(self.seen.time, self.seen.path, self.seen.stretches)
             self._ways_before = WaysBefore(self.seen.path, self.seen.stretches, turned * self.seen.noise)
 
-    def force_since(self, given, timestep, first, states):
-        return ForceWoundUpToHere(self, given | {"wound": self._wound(given, first, states)}, timestep)
+    def force_since(self, given, timestep, begins):
+        return ForceWoundUpToHere(self, given | {"wound": self._wound(given, begins)}, timestep)
 
     def states_sd(self, first):
         if self.seen is None:
@@ -83,18 +85,18 @@ class HystereticFriction(FollowedForce):
         matters[:, 1] = _reaches_back(ways) & (np.abs(ways).sum(axis=1) < forgotten * longest)
         return matters
 
-    def _wound(self, given: dict[str, np.ndarray], first: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """How far simulations are wound up that begin at the steps `first` of the log, with `states` (simulation,
-        state).
-        """
+    def _wound(self, given: dict[str, np.ndarray], begins: Begins) -> np.ndarray:
+        """How far simulations are wound up where they begin, (simulation,)."""
         friction, distance = given["friction"], given["distance"]
-        ways = self._ways_before(first)
-        before = np.clip(states[:, 1], -1, 1) * _reaches_back(ways)
+        last = begins.shown.astype(int)
+        ways = self._ways_before(last)
+        before = np.clip(begins.states[:, 1], -1, 1) * _reaches_back(ways)
         bristles = Bristles(friction=friction, distance=distance, timestep=0.0, wound=before)
         for way in ways.T:
             bristles.move(way)
+        bristles.move(at_steps(self._path, begins.shown) - self._path[last])
         hides = 2.0  # times the noise of what measures the joint: of the way, what nobody knows when a window begins
-        hidden = hides * self.seen.noise * states[:, 0]  # m or rad
+        hidden = hides * self.seen.noise * begins.states[:, 0]  # m or rad
         return np.clip(bristles.wound + hidden / distance, -1, 1)
 
 

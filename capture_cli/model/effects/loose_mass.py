@@ -80,9 +80,10 @@ class LooseMass(VibrationEffect, JointForce):
     def shaking(self, world):
         return self.read(world, "qpos"), self.read(world, "qvel")
 
-    def force(self, values, timestep, *, states=None, first=None, **_):
+    def force(self, values, timestep, *, states=None, first=None, late=None, **_):
         push = characteristic_force(self.model, self.joint) / self.total
-        begins = self.begins(values, states, push, timestep=timestep, first=first)
+        shown = self.shown_at(first, None if late is None else late[:, self.dof])
+        begins = self.begins(values, states, push, timestep=timestep, shown=shown)
         return ForceOfLooseMass(self, self.coefficients(values) | begins, timestep)
 
     def companion(self, name, values):

@@ -8,7 +8,7 @@ import numpy as np
 from capture_cli.common.frozen import frozen
 from capture_cli.log.turning_points import SETTINGS as TURNING_POINTS
 from capture_cli.log.turning_points import WaysBefore
-from capture_cli.model.effects._followed_force import FollowedForce
+from capture_cli.model.effects._followed_force import Begins, FollowedForce
 from capture_cli.model.effects._followed_log import measured_stretches
 from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects._kernel import Companion, call
@@ -120,8 +120,8 @@ class ServoIntegral(OnJoint, FollowedForce):
     def shows(self):
         return super().shows and self.actuator in self.seen.controls
 
-    def force_since(self, given, timestep, first, states):
-        return ForceSinceBefore(self, given | {"first": first, "initial": states[:, 0]}, timestep)
+    def force_since(self, given, timestep, begins):
+        return ForceSinceBefore(self, given | begins.numbers, timestep)
 
     def gears(self, world: World) -> np.ndarray:
         """(simulation,), which a parameter may have changed."""
@@ -158,25 +158,26 @@ class ServoIntegral(OnJoint, FollowedForce):
         )
         return Companion((IntegralTerm,), lines, state, (f"model.{BIAS}",))
 
-    def _integrated(self, timestep: float, gear: float) -> np.ndarray:
+    def _integrated(self, timestep: float, gear: float, late: float = 0.0) -> np.ndarray:
         """The integral of the error from the start of each stretch of the log, (step,), m s or rad s, unclamped.
 
-        As a simulation with that timestep sums it up, which holds positions over each step.
+        As a simulation with that timestep sums it up, which holds positions over each step. late: s, after which the
+        log shows a position.
         """
         seen, ctrl = self.seen, self.seen.controls[self.actuator]
         if self._clamps and self.model.actuator_ctrllimited[self.actuator]:
             ctrl = np.clip(ctrl, *self.model.actuator_ctrlrange[self.actuator])
         errors = np.zeros(len(seen.path))
         for steps, time, path in measured_stretches(seen.time, seen.path, seen.stretches):
-            length = gear * path(time)
+            length = gear * path(time + late)
             ways = np.diff(time) * (ctrl[steps][:-1] - (length[1:] + length[:-1]) / 2)
             ways += timestep / 2 * np.diff(length)  # of a sum of values held, beyond the trapezoids
             errors[steps][1:] = np.cumsum(ways)
         return errors
 
-    def _integrated_ways(self, timestep: float, gear: float) -> tuple[np.ndarray, WaysBefore]:
+    def _integrated_ways(self, timestep: float, gear: float, late: float) -> tuple[np.ndarray, WaysBefore]:
         """The integral of the error, (step,), and how it went to and fro before any step of the log."""
-        errors = self._integrated(timestep, gear)
+        errors = self._integrated(timestep, gear, late)
         return errors, WaysBefore(errors, self.seen.stretches, SETTINGS.rounded * self._common)
 
     def integral(
@@ -184,20 +185,20 @@ class ServoIntegral(OnJoint, FollowedForce):
         *,
         ki: np.ndarray,
         limit: np.ndarray,
-        first: np.ndarray,
-        initial: np.ndarray,
+        begins: Begins,
         gears: np.ndarray,
         timestep: float,
     ) -> np.ndarray:
-        """z (simulation,) at the steps `first` of the log, where at the start of the stretch it was `initial` times
-        what is common, or what it takes to hold a load: it may have been held for long.
+        """z (simulation,) where simulations begin, whose state is what it was at the start of the stretch of the log,
+        over what is common, or what it takes to hold a load: it may have been held for long.
         """
         common = np.maximum(self._common, self._holding(np.maximum(ki, SETTINGS.tiny)))
-        begin = np.clip(np.minimum(common, limit) * initial, -limit, limit)
+        begin = np.clip(np.minimum(common, limit) * begins.states[:, 0], -limit, limit)
         term = IntegralTerm(ki=np.zeros(len(limit)), limit=limit, timestep=0.0, integral=begin)
-        ways = np.zeros((len(first), 1 + TURNING_POINTS.remembered))
-        for gear in np.unique(gears):
-            ways[gears == gear] = self._ways(first[gears == gear], timestep, float(gear))
+        ways = np.zeros((len(limit), 1 + TURNING_POINTS.remembered))
+        for gear, late in np.unique(np.stack([gears, begins.late], axis=1), axis=0).tolist():
+            rows = (gears == gear) & (begins.late == late)
+            ways[rows] = self._ways(begins.first[rows], timestep, gear, late)
         for way in ways.T:
             term.move(way)
         return term.integral
@@ -206,11 +207,11 @@ class ServoIntegral(OnJoint, FollowedForce):
         """m s or rad s: the integral of the error that holds what the joint may have to."""
         return self.characteristic_force / (abs(self.gear) * ki)
 
-    def _ways(self, first: np.ndarray, timestep: float, gear: float) -> np.ndarray:
+    def _ways(self, first: np.ndarray, timestep: float, gear: float, late: float) -> np.ndarray:
         """The ways (simulation, way) that z, unclamped, grew and fell in turn from the start of the stretch to the
-        steps `first` of the log.
+        steps `first` of the log; the rest is as for `_integrated`.
         """
-        errors, ways_before = self._integrals(timestep, gear)
+        errors, ways_before = self._integrals(timestep, gear, late)
         ways = ways_before(first)
         before = errors[first] - ways.sum(axis=1)  # all that was before the ways that are remembered
         return np.column_stack([before, ways])
@@ -221,9 +222,9 @@ class ForceSinceBefore(ForceOfKernel):
 
     def own(self, world):
         own = super().own(world)
-        before = {name: own.pop(name) for name in ("first", "initial")}
+        begins = Begins(**{name: own.pop(name) for name in list(own) if name in Begins.names})
         gears = self.effect.gears(world)
-        own["integral"] = self.effect.integral(**own, **before, gears=gears, timestep=self.timestep)
+        own["integral"] = self.effect.integral(**own, begins=begins, gears=gears, timestep=self.timestep)
         return own
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.common.recursive_filter import recursively_filtered
-from capture_cli.model.effects._followed_force import FollowedForce
-from capture_cli.model.effects._followed_log import measured_stretches, since_stretches_began
+from capture_cli.model.effects._followed_force import Begins, FollowedForce
+from capture_cli.model.effects._followed_log import at_steps, measured_stretches, since_stretches_began
 from capture_cli.model.effects._joint_force import ForceOfKernel
 from capture_cli.model.effects._scales import SETTINGS as SCALES
 from capture_cli.model.effects._scales import free_inertia
@@ -85,8 +85,8 @@ class ViscoelasticSpring(FollowedForce):
             self._elapsed = since_stretches_began(self.seen.time, self.seen.stretches)
             self._sampled = float(np.median(np.diff(self.seen.time)))
 
-    def force_since(self, given, timestep, first, states):
-        rest = self._rest(given["relaxation"], first, states[:, 0])
+    def force_since(self, given, timestep, begins):
+        rest = self._rest(given["relaxation"], begins)
         return ForceSinceBefore(self, given | {"rest": rest}, timestep)
 
     def states_sd(self, first):
@@ -95,16 +95,16 @@ class ViscoelasticSpring(FollowedForce):
         slowest = self.space.high[self.space.names.index("relaxation")]
         return (self._elapsed[first] < SETTINGS.forgotten * slowest)[:, None].astype(float)
 
-    def _rest(self, relaxation: np.ndarray, first: np.ndarray, stretched: np.ndarray) -> np.ndarray:
-        """m or rad: where springs rest at the steps `first` of the log, all (simulation,), that were stretched by
-        `stretched` times the characteristic travel when the stretch began.
+    def _rest(self, relaxation: np.ndarray, begins: Begins) -> np.ndarray:
+        """m or rad: where springs rest where simulations begin, (simulation,), relaxation likewise. Their state is how
+        far they were stretched when the stretch of the log began, over the characteristic travel.
         """
-        rest = np.empty(len(first))
+        rest = np.empty(len(relaxation))
         for time in np.unique(relaxation):
             rows = relaxation == time
-            rest[rows] = self._rests(float(time))[first[rows]]
-        left = np.exp(-self._elapsed[first] / relaxation)
-        return rest - self.characteristic_travel * stretched * left
+            rest[rows] = at_steps(self._rests(float(time)), begins.shown[rows])
+        left = np.exp(-self._elapsed[begins.first] / relaxation)
+        return rest - self.characteristic_travel * begins.states[:, 0] * left
 
     def _followed(self, relaxation: float) -> np.ndarray:
         """m or rad: where a spring rests at each step of the log (step,) that was at rest when each stretch began."""
