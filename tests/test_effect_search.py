@@ -277,7 +277,7 @@ def test_what_simulations_alone_tell_of_is_a_rival_of_what_the_balance_found(
     monkeypatch.setattr(attribution, "Scores", FakeScores)
     selection = Attribution.__new__(Attribution)
     selection.models = FakeModels(True)
-    selection.models.screening_about = lambda *_: SimpleNamespace(covered={spring.name})
+    selection.models.screening = lambda *_: SimpleNamespace(covered={spring.name})
     selection.models.explaining_with = lambda _: set()
     selection.on_step = lambda *_: None
     selection.candidates = [Candidate(spring), Candidate(hard, why_rejected=attribution.NOT_ASKED)]

@@ -16,6 +16,7 @@ from setting_numbers import set_numbers
 from benchmarks._planted_logs.cases import PLANTED, Case
 from benchmarks._planted_logs.dresses import CUTOFF, DRESSES, FILTERED
 from capture_cli.common import processes
+from capture_cli.errors import LogError
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
@@ -298,6 +299,16 @@ def test_about_a_late_sensor_the_friction_beside_it_comes_first_with_its_size():
     assert best.placed.name == "coulomb-friction@shoulder"
     np.testing.assert_allclose(best.model.values[1], friction, rtol=0.05)
     np.testing.assert_allclose(best.model.values[0], late, rtol=0.02)
+
+
+def test_about_a_model_that_runs_away_along_the_log_there_is_no_balance():
+    own = Made.of("slider", episodes=2)
+    (compliance,) = [p for p in own.placed if p.name == "compliance@x"]
+    values = {"compliance": 4.7e-3, "rotor": 1.98, "motor_damping": 0.83, "damping_time": 0.02}
+    with pytest.raises(LogError, match="compliance@x the model runs away"):
+        own.screening([compliance]).about(
+            own.truth, [compliance], [compliance.effect.space.to_vector(values)]
+        )
 
 
 def test_effects_that_are_alike_alone_take_each_others_place_beside_another():

@@ -23,7 +23,8 @@ from capture_cli.model.effects.placed import Placed
 class BeamSettings:
     """width: models of each size that are grown, of single effects such that differ; branches: effects that are added
     to each, of_a_branch: of those that do the same there. pairs: of two effects, that are asked whether either is good
-    alone or not. of_a_kind: of a group of alike effects, and fitted: of larger models, that may be fitted. united:
+    alone or not. of_a_kind: of a group of alike effects, and fitted: of larger models, that may be fitted.
+    in_its_place: alike effects that are tried for each of the best model, beside its others. united:
     single effects that hold in simulations, which are put beside the best model there. sure: standard errors over
     blocks by which a model has to predict better than all smaller ones, to be fitted by simulation, and least: of log
     likelihood; one that is as good as the best may be so far behind it, or `near` of what that gains over smaller ones.
@@ -35,6 +36,7 @@ class BeamSettings:
     pairs: int = 8
     fitted: int = 8
     of_a_kind: int = 3
+    in_its_place: int = 6
     united: int = 3
     sure: float = 2.0
     least: float = 3.0
@@ -135,7 +137,7 @@ def _with_others(
     """
     found = []
     for k, placed in enumerate(model.effects[known:], known):
-        for other in alike.get(placed.name, ())[: settings.of_a_kind]:
+        for other in alike.get(placed.name, ())[: settings.in_its_place]:
             if other.effects[-1] not in model.effects:
                 effects, values = list(model.effects), list(model.values)
                 effects[k], values[k] = other.effects[-1], other.values[-1]

@@ -47,7 +47,8 @@ from capture_cli.select.score import Score
 @frozen
 class SETTINGS:
     most_effects: int = 6
-    # of an explained log: how many that the balance puts first have their score test through the simulator
+    # of an explained log: how many that the balance puts first have their score test through the simulator, or are
+    # compared with what is in the answer
     likeliest: int = 8
     # how often the score test may take the best of all candidates for an effect where nothing is missing
     by_chance: float = 0.01
@@ -492,23 +493,27 @@ class Attribution:
             return
         inside = {a.name for a in self.accepted} - {accepted.name}
         candidates = [replace(c) for c in self.candidates if c.name not in inside]
-        ranked = self._scored(without, candidates)
+        ranked = self._scored(without, self._rest(current, accepted, without), candidates)
         mine = next((c for c in ranked if c.name == accepted.name), None)
         if mine is None:
             return
         known = {r.name for r in accepted.rivals} | self.models.explaining_with(inside)
+        known.discard(accepted.name)
         new = [c for c in ranked if c.name not in known and _may_rival(mine.score, c.score)]
-        new, _ = worth_a_refit([c for c in new if c is not mine])
+        new = [c for c in new if c is not mine]
+        if self.models.is_explained(current):  # what is alike in the balance need not be in a simulation
+            new = new[: SETTINGS.likeliest]
+        else:
+            new = worth_a_refit(new)[0][: FORWARD_ROUND.rivals]
         accepted.score = mine.score
-        accepted.rivals = [*(c for c in ranked if c.name in known), *new[: FORWARD_ROUND.rivals]]
+        accepted.rivals = [*(c for c in ranked if c.name in known), *new]
 
     def _ask_simulations_for_rivals(self, current: Fit, accepted: Accepted) -> None:
         """Those of an effect that the balance found, among what simulations alone tell of, scored beside it by these:
         soft friction and friction that holds at first like a spring do the same.
         """
-        without = self.models.without(current, accepted.name)
-        screening = None if without is None else self.models.screening_about(without, self._step)
-        if screening is None or accepted.name not in screening.covered:
+        without, screening = self.models.without(current, accepted.name), self.models.screening(self._step)
+        if without is None or screening is None or accepted.name not in screening.covered:
             return
         mine = replace(self._candidate(accepted.name))
         asked = {r.name for r in accepted.rivals} | screening.covered
@@ -535,14 +540,24 @@ class Attribution:
             if own.why_rejected in (None, NOT_ASKED):
                 own.why_rejected = candidate.why_rejected or does_not_hold
 
-    def _scored(self, current: Fit, candidates: Sequence[Candidate]) -> list[Candidate]:
-        """Those of the candidates that their scores speak for in `current`, best first."""
-        screening = self.models.screening_about(current, self._step)
+    def _rest(self, current: Fit, accepted: Accepted, without: Fit) -> Fit:
+        """The model `without` an accepted effect: where the others are in the `current` model, if that explains the
+        log, for fitted alone they may have stood in for the effect.
+        """
+        if not self.models.is_explained(current):
+            return without
+        return replace(without, point=np.delete(current.point, current.columns(accepted.name)))
+
+    def _scored(self, fitted: Fit, moved: Fit, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Those of the candidates that their scores speak for, best first: in the force balance about the `moved`
+        model, or, where that gives none, through simulations of the `fitted` one.
+        """
+        screening = self.models.screening_about(moved, self._step)
         if screening is None:
-            Scores(self.models, current, self._step).score(candidates)
+            Scores(self.models, fitted, self._step).score(candidates)
             return by_score(candidates)
         candidates = [c for c in candidates if c.name in screening.covered]
-        score_in_balance(screening, current, candidates)
+        score_in_balance(screening, moved, candidates)
         return by_score(candidates)
 
     def _compare_with_rivals(self, current: Fit, some: Sequence[Accepted]) -> Fit:
@@ -584,11 +599,10 @@ class Attribution:
         without = self.models.without(current, accepted.name)
         if without is None:
             return None
-        rest, begins = without.effects, [without.point]
-        if self.models.is_explained(current):  # alone the rest may have stood in for what the rival explains
-            begins.append(np.delete(current.point, current.columns(accepted.name)))
-        start, *elsewhere = (np.concatenate([point, rival.start]) for point in begins)
-        fit = self.models.fit([*rest, rival.placed], start, without, Effort(rival=current), elsewhere)
+        rest = self._rest(current, accepted, without)
+        start, *elsewhere = (np.concatenate([f.point, rival.start]) for f in dict.fromkeys([without, rest]))
+        effects = [*without.effects, rival.placed]
+        fit = self.models.fit(effects, start, without, Effort(rival=current), elsewhere)
         if fit is None:
             return None
         found = self._with_fit(rival, without, fit)

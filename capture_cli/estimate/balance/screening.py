@@ -20,6 +20,7 @@ from scipy.optimize import lsq_linear
 from capture_cli.common.frozen import frozen
 from capture_cli.common.processes import in_processes
 from capture_cli.common.similarity import similarity
+from capture_cli.errors import LogError
 from capture_cli.estimate.balance.dictionary import SETTINGS as DICTIONARY
 from capture_cli.estimate.balance.dictionary import Atom, Mixture, atoms
 from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
@@ -179,11 +180,17 @@ class Screening:
         """The same about a model with `effects` at `values`, (parameter,) each, and the task at `point` (parameter,).
 
         What the declared model lacks moves its parameters, and late or wrong sensors the states at which forces are
-        worked out. Far from the declared model changes do not add up.
+        worked out. Far from the declared model changes do not add up. LogError where effects run away along the log.
         """
         acting = [(p.effect, v) for p, v in zip(effects, values, strict=True)]
-        balance = ForceBalance(self.balance.smoothed, point, self.balance.threads, acting)
-        return self._in(balance, Whitening(balance))
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            balance = ForceBalance(self.balance.smoothed, point, self.balance.threads, acting)
+            other = self._in(balance, Whitening(balance))
+            target, columns = other._system(BalancedModel(tuple(effects), point, tuple(values)))
+        if not _is_bounded((*target, *columns)):
+            names = " and ".join(p.name for p in effects)
+            raise LogError(f"with {names} the model runs away along the log", cure="")
+        return other
 
     def _in(self, balance: ForceBalance, whitening: Whitening) -> Screening:
         """The same in another balance of the same log.
@@ -451,7 +458,7 @@ class Screening:
         where an effect runs away.
         """
         target, columns = self._system(model)
-        if not all(np.abs(a).max(initial=0.0) < SETTINGS.ran_away for a in (*target, *columns)):
+        if not _is_bounded((*target, *columns)):
             return replace(model, likelihood=np.full(int(self.block.max()) + 1, np.nan))
         slow = np.zeros_like(self.whitening.slow_noise) if model.slow_noise is None else model.slow_noise
         self.whitening.adapt(self._left(model, target, columns), slow)
@@ -602,6 +609,11 @@ def parameters_sd(whitening: Whitening, rows: Sequence[np.ndarray]) -> np.ndarra
 def by_parameter(balance: ForceBalance) -> list[Accelerations]:
     """The columns of the declared parameters."""
     return [balance.of_parameter(i) for i in range(len(balance.point))]
+
+
+def _is_bounded(rows: Sequence[np.ndarray]) -> bool:
+    """Whether no effect runs away in these rows of each stretch."""
+    return all(np.abs(r).max(initial=0.0) < SETTINGS.ran_away for r in rows)
 
 
 def _amplitudes(effect: PeriodicForce) -> list[int]:
