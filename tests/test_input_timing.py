@@ -7,6 +7,7 @@ from functools import partial
 
 import pytest
 from balances import Made
+from case_logs import log_of
 from setting_numbers import set_numbers
 
 from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
@@ -44,7 +45,7 @@ QUIET = {"threads": 1}
     [("slider", "plain", 1), ("cart_pole", "half-rate", 2), ("slider", "quarter-rate", 4)],
 )
 def test_the_log_tells_how_many_commands_there_are_from_row_to_row(machine, dress, commands):
-    task, log, _ = Case(NOTHING, machine, (), 1.0, 5, dress=dress, episodes=4).build()
+    task, log = log_of(Case(NOTHING, machine, (), 1.0, 5, dress=dress, episodes=4))
     assert [c.hold for c in task.inputs] == [None] * len(task.inputs)
     prepared = prepare(log, task, **QUIET)
     assert [t.hold for t in prepared.input_timings] == [Hold(commands)] * len(task.inputs)
@@ -54,7 +55,7 @@ def test_the_log_tells_how_many_commands_there_are_from_row_to_row(machine, dres
 
 
 def test_what_the_task_says_is_not_asked_again():
-    task, log, _ = Case(NOTHING, "slider", (), 1.0, 5, dress="half-rate").build()
+    task, log = log_of(Case(NOTHING, "slider", (), 1.0, 5, dress="half-rate"))
     task.inputs = tuple(replace(c, hold=HELD) for c in task.inputs)
     prepared = prepare(log, task, **QUIET)
     assert prepared.input_timings == () and set(prepared.task.holds) <= {HELD}
@@ -62,7 +63,7 @@ def test_what_the_task_says_is_not_asked_again():
 
 @pytest.mark.parametrize("machine", ["slider", "pan_tilt"])
 def test_commands_that_are_written_a_row_late_act_before_their_rows(machine):
-    task, log, _ = Case(NOTHING, machine, (), 1.0, 5, dress="row-late", episodes=6).build()
+    task, log = log_of(Case(NOTHING, machine, (), 1.0, 5, dress="row-late", episodes=6))
     prepared = prepare(log, task, **QUIET)
     assert len(prepared.input_timings) == len(task.inputs)
     for timing in prepared.input_timings:
@@ -70,14 +71,14 @@ def test_commands_that_are_written_a_row_late_act_before_their_rows(machine):
 
 
 @pytest.mark.parametrize(
-    ("effect", "magnitude", "dress", "commands"),
+    ("effect", "magnitude", "size", "dress", "commands"),
     [
-        ("coulomb-friction@x", 3.0, "plain", {1}),
-        ("direction-dependent-viscous@x", 10.0, "half-rate", {2}),
+        ("coulomb-friction@x", 3.0, 0.026, "plain", {1}),
+        ("direction-dependent-viscous@x", 10.0, 0.13, "half-rate", {2}),
     ],
 )
-def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnitude, dress, commands):
-    task, log, _ = Case(PLANTED, "cart_pole", (effect,), magnitude, 3, dress=dress, episodes=6).build()
+def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnitude, size, dress, commands):
+    task, log = log_of(Case(PLANTED, "cart_pole", (effect,), magnitude, 3, dress=dress, episodes=6), size)
     prepared = prepare(log, task, **QUIET)
     assert prepared.input_timings == ()  # what is missing may look like another timing
     unread = replace(prepared, task=task)
@@ -92,7 +93,7 @@ def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnit
 def test_where_two_effects_are_missing_it_is_told_with_both_in():
     """Either alone is best with the inputs read in its own way, and neither reading is surely better."""
     pair = ("sensor-bias@q2", "sensor-clock-rate")
-    task, log, _ = Case("pair", "arm", pair, 3.0, 275583650).build()
+    task, log = log_of(Case("pair", "arm", pair, 3.0, 275583650), 0.056, 0.017)
     prepared = prepare(log, task, **QUIET)
     few = [c for c in all_candidates(prepared) if c.name in pair]
     unread, as_read, told = replace(prepared, task=task), partial(prepare, log, **QUIET), []
@@ -105,7 +106,7 @@ def test_where_two_effects_are_missing_it_is_told_with_both_in():
 def test_what_leaves_far_more_than_noise_is_told_by_what_is_likelier():
     """Commands that are misread leave hundreds of times the noise with any effect in: no two are asked then."""
     name = "control-reverse-gain@tilt"
-    task, log, _ = Case(PLANTED, "pan_tilt", (name,), 10.0, 40039109, dress="quarter-rate").build()
+    task, log = log_of(Case(PLANTED, "pan_tilt", (name,), 10.0, 40039109, dress="quarter-rate"), 0.18)
     prepared = prepare(log, task, **QUIET)
     few = [c for c in all_candidates(prepared) if c.placed.kind in LIKE_A_GAIN]
     found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
@@ -120,7 +121,7 @@ def test_no_two_effects_are_asked_where_one_explains_the_log(monkeypatch):
     # the balance leaves more than noise, whatever is in
     set_numbers(monkeypatch, input_readings, else_missing=0.0)
     name = "coulomb-friction@x"
-    task, log, _ = Case(PLANTED, "cart_pole", (name,), 3.0, 3, episodes=6).build()
+    task, log = log_of(Case(PLANTED, "cart_pole", (name,), 3.0, 3, episodes=6), 0.026)
     prepared = prepare(log, task, **QUIET)
     few = [c for c in all_candidates(prepared) if c.name == name]
     found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
@@ -130,7 +131,7 @@ def test_no_two_effects_are_asked_where_one_explains_the_log(monkeypatch):
 def test_simulations_tell_where_the_balance_is_not_sure(monkeypatch):
     monkeypatch.setattr(input_readings, "is_surely_better", lambda *_: False)
     name = "direction-dependent-viscous@x"
-    task, log, _ = Case(PLANTED, "cart_pole", (name,), 10.0, 3, dress="quarter-rate", episodes=6).build()
+    task, log = log_of(Case(PLANTED, "cart_pole", (name,), 10.0, 3, dress="quarter-rate", episodes=6), 0.13)
     prepared = prepare(log, task, **QUIET)
     few = [c for c in all_candidates(prepared) if c.name == name]
     asked, fit, fitting = (
@@ -153,7 +154,7 @@ def test_simulations_tell_where_the_balance_is_not_sure(monkeypatch):
 
 
 def test_a_log_without_a_balance_tells_nothing_and_its_inputs_are_held():
-    task, log, _ = Case(NOTHING, "puck", (), 1.0, 5, episodes=2).build()
+    task, log = log_of(Case(NOTHING, "puck", (), 1.0, 5, episodes=2))
     prepared = prepare(log, task, **QUIET)
     assert prepared.input_timings == () and set(prepared.task.holds) <= {HELD}
 
@@ -161,7 +162,7 @@ def test_a_log_without_a_balance_tells_nothing_and_its_inputs_are_held():
 def test_where_the_declared_model_explains_the_log_by_inputs_that_change_evenly_effects_are_asked(tmp_path):
     """A supply that sags takes from a force what a later one would: in the balance that is less than noise."""
     seed = 669718904
-    task, log, _ = Case(PLANTED, "slider", ("control-supply-sag",), 3.0, seed).build()
+    task, log = log_of(Case(PLANTED, "slider", ("control-supply-sag",), 3.0, seed), 0.18)
     assert prepare(log, task, split=NewSplit(seed=seed), **QUIET).task.holds == (EVENLY,)
     options = DiagnoseOptions(real_log=tmp_path / "log.zarr", out=tmp_path / "out", threads=1, seed=seed)
     to_fit = LogToFit(log, task, options, Provenance("diagnose", {}, {}))
@@ -187,7 +188,7 @@ def test_a_late_sensor_does_not_make_up_for_inputs_that_are_misread(seed):
 )
 def test_inputs_act_each_in_their_own_way_where_no_effect_with_all_alike_does_as_well(kind, holds):
     """A table that gives moves one joint as if its commands changed evenly."""
-    task, log, _ = Case(PLANTED, "pan_tilt", ("base-compliance@y",), 2.2, 647467791).build()
+    task, log = log_of(Case(PLANTED, "pan_tilt", ("base-compliance@y",), 2.2, 647467791), 0.27)
     prepared = prepare(log, task, **QUIET)
     assert prepared.task.holds == (EVENLY, HELD)
     few = [c for c in all_candidates(prepared) if c.placed.kind == kind]

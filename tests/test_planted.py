@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_logs import log_of
 from diagnosing import diagnose, look_among
 
 from benchmarks import MACHINES, ROOT, chain, planted
@@ -87,7 +88,7 @@ def stub(tmp_path):
 
 
 def test_the_files_that_are_asked_about_are_those_of_the_dress(stub):
-    task, log, _ = replace(FRICTION, dress=NO_WINDOW).build()
+    task, log = log_of(replace(FRICTION, dress=NO_WINDOW), 0.048)
     (stub / "capture_cli" / "cli.py").write_text(
         "import json, os, sys\nfrom pathlib import Path\nfrom capture_cli.effects import REGISTRY\n"
         "def main():\n"
@@ -140,18 +141,18 @@ def test_steps_that_are_too_long_are_found(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("case", "found"),
+    ("case", "sizes", "found"),
     [
-        (Case(WEAK, "slider", ("quadratic-drag@x",), 1.04, 0), ["quadratic-drag@x"]),
-        (Case(NOTHING, "slider", (), 1.0, 0), []),
+        (Case(WEAK, "slider", ("quadratic-drag@x",), 1.04, 0), [0.135], ["quadratic-drag@x"]),
+        (Case(NOTHING, "slider", (), 1.0, 0), [], []),
     ],
 )
 def test_where_the_balance_is_not_sure_an_explained_log_is_asked_by_simulation(
-    tmp_path, monkeypatch, case, found
+    tmp_path, monkeypatch, case, sizes, found
 ):
     look_among(monkeypatch, "quadratic-drag", "coulomb-friction", "control-delay")
     monkeypatch.setattr(Addition, "is_sure", lambda *_: False)
-    task, log, _ = case.build()
+    task, log = log_of(case, *sizes)
     log.write(tmp_path / "log.zarr")
     said = diagnose(MeasuredLog.read(tmp_path / "log.zarr"), task, seed=0)
     assert said["before"]["test"]["normalized"] < 1.1

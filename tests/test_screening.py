@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 from balances import Made
+from case_logs import log_of
 from coloured_noise import coloured
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -186,23 +188,23 @@ def test_two_that_stand_in_each_others_way_are_a_pair_and_two_that_are_alike_are
     assert (2, 3) not in found and sum({2, 3} & set(pair) != set() for pair in found) == 2
 
 
-def screening_of_case(case: Case, *names: str) -> Screening:
-    """Of these effects, NAME@SITE, or of all, in the log of a case."""
-    task, log, _ = case.build()
+def screening_of_case(case: Case, sizes: Sequence[float], *names: str) -> Screening:
+    """Of these effects, NAME@SITE, in the log of a case with effects of these sizes."""
+    task, log = log_of(case, *sizes)
     prepared = prepare(log, task)
-    placed = [c.placed for c in all_candidates(prepared) if not names or c.name in names]
+    placed = [c.placed for c in all_candidates(prepared) if c.name in names]
     return Screening.of(SmoothedLog.of(prepared.log.arrays, prepared.task), placed, task.space.nominal, 1)
 
 
-def additions_of(case: Case, *names: str) -> dict[str, float]:
+def additions_of(case: Case, size: float, *names: str) -> dict[str, float]:
     """Gains of these effects in the log of a case."""
-    return {a.placed.name: a.gain for a in screening_of_case(case, *names).additions((), ())}
+    return {a.placed.name: a.gain for a in screening_of_case(case, [size], *names).additions((), ())}
 
 
 def test_a_spring_that_needs_both_of_its_sides_is_asked_of_each():
     """By the declared stiffness, which is at its bound, one of the two would be negative at every place."""
     name = "one-sided-spring@x"
-    assert additions_of(Case(PLANTED, "slider", (name,), 3.0, 543295301), name)[name] > 100
+    assert additions_of(Case(PLANTED, "slider", (name,), 3.0, 543295301), 0.00108, name)[name] > 100
 
 
 def test_a_control_that_its_limits_cut_off_is_asked_both_ways():
@@ -220,6 +222,7 @@ def test_a_control_that_its_limits_cut_off_is_asked_both_ways():
 def test_a_declared_parameter_that_is_at_its_bound_takes_nothing_from_an_effect():
     found = additions_of(
         Case(PLANTED, "slider", ("medium-viscosity",), 2.2, 1385089885, episodes=6),
+        0.485,
         "medium-viscosity",
         "coulomb-friction@x",
     )
@@ -260,7 +263,7 @@ def test_a_pair_is_found_of_which_one_is_not_among_the_best_alone():
     pair = ("coupled-drive@tilt", "viscoelastic-spring@pan")
     others = ("preloaded-spring", "cogging", "one-sided-spring", "sensor-eccentricity", "hysteretic-friction")
     case = Case("pair", "pan_tilt", pair, 3.0, 1224827016, episodes=6)
-    screening = screening_of_case(case, *pair, *(f"{kind}@pan" for kind in others))
+    screening = screening_of_case(case, (0.03, 0.00912), *pair, *(f"{kind}@pan" for kind in others))
     ranked = [a.placed.name for a in screening.additions((), ())]
     assert ranked.index("coupled-drive@tilt") >= BeamSettings().width
     *_, level = grown(screening, (), (), 2)
@@ -270,7 +273,9 @@ def test_a_pair_is_found_of_which_one_is_not_among_the_best_alone():
 
 def test_a_payload_shows_by_several_masses_where_none_alone_does_it(monkeypatch):
     """With the camera's own mass open no one place of the grid has its moment and its inertia."""
-    made = screening_of_case(Case(PLANTED, "pan_tilt", ("payload@camera",), 2.2, 252784246), "payload@camera")
+    made = screening_of_case(
+        Case(PLANTED, "pan_tilt", ("payload@camera",), 2.2, 252784246), [0.122], "payload@camera"
+    )
     monkeypatch.setattr(REGISTRY.get("payload"), "mixes", False)
     at_one_place = Screening(made.balance, made.whitening, made.placed)
     (alone,) = at_one_place.additions((), (), 0)
@@ -325,7 +330,7 @@ def test_a_simpler_effect_is_fitted_that_does_nearly_the_same():
     """Two lags one after the other beside one: by columns alone it seems to do far less."""
     case = Case("planted", "pan_tilt", ("control-lag",), 10.0, 580590091, "no-window", episodes=6)
     names = "control-lag", "control-second-order-lag", "control-delay", "gravity-magnitude"
-    screening = screening_of_case(case, *names)
+    screening = screening_of_case(case, [0.03], *names)
     best = screening.best()
     assert [e.name for e in best.effects] == ["control-second-order-lag"]
     simpler = {m.effects[0].name: m for m in screening.simpler(best)}
