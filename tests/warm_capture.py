@@ -71,10 +71,13 @@ def warm_capture(
 
 def begin_few_threads(put: Callable[[Any, str, Any], None]) -> None:
     """zarr begins no thread for each file of a store, which takes as long as to write it; and beside other workers of
-    the tests MuJoCo simulates on one thread where all cores are asked for: threads wait for each other at every
-    step, and give the same bits however many they are. put: setattr, or what takes it back later.
+    the tests MuJoCo simulates on one thread, and work is done by one process, where all cores are asked for: threads
+    wait for each other at every step, copies of a process are made for seconds of work, and all give the same bits
+    however many they are. put: setattr, or what takes it back later.
     """
     from mujoco import batch
+
+    from capture_cli.common import processes
 
     begin = batch.Batch.__init__
 
@@ -87,6 +90,7 @@ def begin_few_threads(put: Callable[[Any, str, Any], None]) -> None:
     put(asyncio, "to_thread", here)
     if "PYTEST_XDIST_WORKER" in os.environ:
         put(batch.Batch, "__init__", begun)
+        put(processes, "_cores", lambda: 1)
 
 
 def serve(address: str, stages: Sequence[str], undrawn: Sequence[str], among: Sequence[str]) -> None:
