@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import signal
@@ -76,6 +77,12 @@ window = 0.5
 """
 
 REAL_DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
+
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected stays: it is not looked through for garbage, and copies of the process share it."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_unconfigure() -> None:
