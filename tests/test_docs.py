@@ -325,6 +325,7 @@ def test_the_tutorial_works(tmp_path, monkeypatch, without_pages):
         ).log
         rows = np.column_stack([log.time, log.inputs, np.rad2deg(log.outputs)])
         np.savetxt(f"{day}.csv", rows, delimiter=",", header=header, comments="")
+    look_among(monkeypatch, "coulomb-friction", "backlash", "control-delay", "sensor-bias", "sensor-delay")
     for line in commands_of(tutorial):
         if line.startswith("capture") and "--" in line:
             result = CliRunner().invoke(app, shlex.split(line)[1:], catch_exceptions=False)

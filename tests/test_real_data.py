@@ -64,7 +64,7 @@ def test_emps_without_its_friction(real_data, tmp_path, monkeypatch):
     for file in sorted((real_data / "emps").glob("*.csv")):
         header, *rows = file.read_text().splitlines(keepends=True)
         files.append(tmp_path / file.name)
-        files[-1].write_text("".join([header, *rows[::4]]))
+        files[-1].write_text("".join([header, *rows[::5]]))
     import_log(files=files, task=str(task), out=log)
     options = {"test": "emps_test*", "expression": False, "threads": 1, "quiet": True}
     found = diagnose(real_log=log, task=str(task), out=tmp_path / "d", **options).document

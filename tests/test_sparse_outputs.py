@@ -380,6 +380,9 @@ def test_an_output_that_was_never_held_out_has_no_error_there(tmp_path, capsys, 
     assert curves.samples(1).interval == pytest.approx(EVERY * curves.samples(0).interval)
     page = (tmp_path / "e" / "report.html").read_text()
     assert "NaN" not in page.split("</script>")[-1]
+    look_among(
+        monkeypatch, "coulomb-friction", "viscous-damping", "control-delay", "sensor-delay", "sensor-bias"
+    )
     capture("diagnose", *options, "--out", tmp_path / "d")
     document = json.loads((tmp_path / "d" / "diagnosis.json").read_text())
     assert document["verdict"] == "explained"
