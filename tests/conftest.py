@@ -80,7 +80,7 @@ REAL_DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 
 
 def pytest_collection_finish() -> None:
-    """What was imported and collected stays: it is not looked through for garbage, and copies of the process share it."""
+    """What is there stays: it is not looked through for garbage, and copies of the process share it."""
     gc.collect()
     gc.freeze()
 

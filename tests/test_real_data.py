@@ -50,7 +50,7 @@ def test_emps(real_data, tmp_path):
 def test_emps_without_its_friction(real_data, tmp_path, monkeypatch):
     """No model reaches its floor of 17 nm. A play of five parameters would do better than either of the two alone.
 
-    250 of the 1000 rows of a second tell the same, in a sixth of the time.
+    200 of the 1000 rows of a second tell the same, in a tenth of the time.
     """
     look_among(
         monkeypatch,
