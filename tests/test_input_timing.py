@@ -16,8 +16,11 @@ from capture_cli.errors import OutOfTime
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import NewSplit
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select import input_readings
 from capture_cli.select.candidates import all_candidates
@@ -183,13 +186,18 @@ def test_a_late_sensor_does_not_make_up_for_inputs_that_are_misread(seed):
     assert misread.gain(declared)[0] < 5.0
 
 
+@pytest.fixture(scope="module")
+def giving() -> tuple[Task, MeasuredLog, PreparedLog]:
+    """A table that gives, which moves one joint as if its commands changed evenly."""
+    task, log = log_of(Case(PLANTED, "pan_tilt", ("base-compliance@y",), 2.2, 647467791), 0.27)
+    return task, log, prepare(log, task, **QUIET)
+
+
 @pytest.mark.parametrize(
     ("kind", "holds"), [("base-compliance", (HELD, HELD)), ("coulomb-friction", (EVENLY, HELD))]
 )
-def test_inputs_act_each_in_their_own_way_where_no_effect_with_all_alike_does_as_well(kind, holds):
-    """A table that gives moves one joint as if its commands changed evenly."""
-    task, log = log_of(Case(PLANTED, "pan_tilt", ("base-compliance@y",), 2.2, 647467791), 0.27)
-    prepared = prepare(log, task, **QUIET)
+def test_inputs_act_each_in_their_own_way_where_no_effect_with_all_alike_does_as_well(giving, kind, holds):
+    task, log, prepared = giving
     assert prepared.task.holds == (EVENLY, HELD)
     few = [c for c in all_candidates(prepared) if c.placed.kind == kind]
     found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
