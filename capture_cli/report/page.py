@@ -12,6 +12,7 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cache
 from html import escape
 from importlib.resources import files
 from pathlib import PurePath
@@ -47,8 +48,9 @@ def page(template: str, *, plots: Mapping[str, Any], curves: Mapping[str, Any] |
     )
 
 
+@cache
 def _environment() -> Environment:
-    """Templates, and the functions that write values in them."""
+    """Templates, compiled once, and the functions that write values in them."""
     environment = Environment(
         loader=PackageLoader("capture_cli.report", package_path="templates"),
         autoescape=True,
