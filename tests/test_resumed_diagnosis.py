@@ -23,7 +23,7 @@ from capture_cli.stages.record import record
 from capture_cli.stages.search_checkpoint import STEPS, StepFiles
 from capture_cli.store.output import unfinished
 
-FEW = ("coulomb-friction", "cubic-stiffness", "viscous-damping", "control-lag")  # the last has a state
+FEW = ("coulomb-friction", "cubic-stiffness", "control-lag")  # the last has a state
 PLANTED = ["coulomb-friction@x.friction=1.5", "cubic-stiffness@x.stiffness=200"]
 
 
