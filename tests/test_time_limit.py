@@ -38,8 +38,8 @@ def few(monkeypatch):
 def asked(tmp_path_factory) -> dict:
     """Options of a diagnosis of a log with two effects."""
     folder = tmp_path_factory.mktemp("log")
-    task = str(held_machine(folder / "slider", "slider", 0.004))
-    options = {"noise": 5e-4, "episodes": 4, "duration": 1.5, "rate": 250.0, "threads": 1}
+    task = str(held_machine(folder / "slider", "slider", 0.008))
+    options = {"noise": 5e-4, "episodes": 4, "duration": 1.5, "rate": 125.0, "threads": 1}
     record(task=task, out=folder / "log.zarr", effects=PLANTED, **options)
     return {"task": task, "real_log": folder / "log.zarr", **ASKED}
 
