@@ -112,7 +112,7 @@ def _check_read_as(
             )
 
 
-def _formula(column: str, scale: float, offset: float, period: float | None) -> str:
+def _formula(column: str, scale: float, offset: float, period: float | None = None) -> str:
     anew = "" if period is None else f", which begins anew after {period:g}"
     return f"{scale:g} * {column}" + (f" + {offset:g}" if offset else "") + anew
 
