@@ -490,7 +490,8 @@ def test_terminal_tells_the_sizes_of_several_effects_where_there_is_no_room_for_
 
 def test_terminal_tells_the_size_of_a_single_effect_and_the_runner_up():
     lines = printed(make(effects=(COULOMB,)), 120).splitlines()
-    assert lines[0] == "effect found  The model lacks coulomb-friction@x (friction 21.83 N)."
+    found = "The model lacks coulomb-friction@x (friction 21.83 N): dry friction of constant size in a joint."
+    assert lines[0] == f"effect found  {found}"
     assert lines[3] == "runner-up  cogging@x: no better than coulomb-friction@x, with more parameters"
     assert len(lines) == 5
 
@@ -498,7 +499,7 @@ def test_terminal_tells_the_size_of_a_single_effect_and_the_runner_up():
 def test_terminal_gives_no_number_for_what_the_log_does_not_say():
     diagnosis = make(effects=(COULOMB,))
     diagnosis.document["effects"][0]["parameters"]["friction"]["identifiable"] = False
-    assert "coulomb-friction@x (friction not determined)." in printed(diagnosis, 120)
+    assert "coulomb-friction@x (friction not determined): dry" in printed(diagnosis, 120)
 
 
 def test_terminal_names_the_outputs_that_had_been_farthest_from_their_floor():

@@ -243,12 +243,14 @@ def _shown(count: int, most: int) -> int:
 
 
 def _answer(record: DiagnosisRecord) -> str:
-    """The verdict in words; of a single effect, its size as well."""
+    """The verdict in words; of a single effect, its size and what it is."""
     sentence = diagnosis_findings.answer(record)
     if len(record.effects) != 1:
         return sentence
     effect = record.effects[0]
-    return f"{sentence.removesuffix('.')} ({_sizes(effect) or effect['summary']})."
+    size = f" ({_sizes(effect)})" if effect["parameters"] else ""
+    what_it_is = effect["summary"].partition(":")[0]  # without examples
+    return f"{sentence.removesuffix('.')}{size}: {what_it_is}."
 
 
 def _sizes(effect: Mapping[str, Any]) -> str:

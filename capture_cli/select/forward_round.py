@@ -113,7 +113,7 @@ def reject_at_first_sight(candidates: Sequence[Candidate], ranked: Sequence[Cand
     """Say of candidates that were not worth a fit by how much the best of the `ranked` is ahead of them."""
     for candidate in candidates:
         gain, most = candidate.score.gain, ranked[0].score.gain
-        candidate.why_rejected = f"explains less at first sight ({gain:.3g} of {most:.3g})"
+        candidate.why_rejected = f"explains no more at first sight ({gain:.3g}; {most:.3g} the best)"
 
 
 class ForwardRound:
