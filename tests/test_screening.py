@@ -13,16 +13,19 @@ from case_logs import log_of
 from coloured_noise import coloured
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import butter, lfilter
 from setting_numbers import set_numbers
 
 from benchmarks._planted_logs.cases import PLANTED, Case
 from benchmarks._planted_logs.dresses import CUTOFF, DRESSES, FILTERED
+from benchmarks._planted_logs.machines import MACHINE
 from capture_cli.common import processes
 from capture_cli.errors import LogError
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.prepare import prepare
+from capture_cli.log.white_noise import noise_and_spacing
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.beam import BeamSettings, Level, grown
@@ -314,6 +317,19 @@ def test_about_a_model_that_runs_away_along_the_log_there_is_no_balance():
         own.screening([compliance]).about(
             own.truth, [compliance], [compliance.effect.space.to_vector(values)]
         )
+
+
+@pytest.mark.parametrize(("machine", "number"), [("cart_pole", 97227738), ("pan_tilt", 381654049)])
+def test_behind_one_filter_the_floors_of_all_sensors_are_those_of_their_noise(machine, number):
+    """One of the two seems to have noise of its own three samples on, of which it has 0.89 there; the other, four."""
+    task, log, _ = Case("nothing", machine, (), None, number, FILTERED).build()
+    sd = np.array([MACHINE[machine].noise[c.name] for c in task.outputs])
+    arrays = log.arrays
+    series = [[arrays.outputs[e, k] for e in arrays.episodes] for k in range(len(sd))]
+    times = [[arrays.time[e] for e in arrays.episodes]] * len(sd)
+    left = np.linalg.norm(lfilter(*butter(2, 2 * CUTOFF), np.eye(1, 1000)[0]))  # of white noise
+    floors = [noise for noise, _ in noise_and_spacing(series, times)]
+    np.testing.assert_allclose(floors, left * sd, rtol=0.05)
 
 
 def test_effects_that_are_alike_alone_take_each_others_place_beside_another():

@@ -59,17 +59,22 @@ def noise_and_spacing(
 ) -> list[tuple[float, int]]:
     """Of each channel what `from_differences` says, and of how many samples one has noise of its own: 1 of white noise.
 
-    A logger has one filter. Where a channel moves too fast to show how far the filter reaches the others do.
+    A logger has one filter: it reaches as far in each channel as in the one that shows it farthest, also where a
+    channel moves too fast to show it.
     """
     pairs = list(zip(series, times, strict=True))
     found = [_white_or_filtered(*pair) for pair in pairs]
     filtered = max((spacing for _, spacing in filter(None, found)), default=1)
     for k, (own, there) in enumerate(pairs):
-        if found[k] is None:
-            told = _noise_at(own, there, filtered)
-            is_noise = told is not None and told[0] < _most(own)
-            estimates = _by_order(own, there) or [0.0]
-            found[k] = told if is_noise else (estimates[-1], 1)
+        near = found[k]
+        if near is not None and near[1] in (1, filtered):
+            continue
+        told = _noise_at(own, there, filtered)
+        most = _most(own) if near is None else _grown(near, filtered)
+        if told is not None and told[0] < most:
+            found[k] = told
+        elif near is None:
+            found[k] = (_by_order(own, there) or [0.0])[-1], 1
     return found
 
 
@@ -82,12 +87,17 @@ def _white_or_filtered(series: Sequence[np.ndarray], times: Sequence[np.ndarray]
     near = None
     for spacing in SETTINGS.apart:
         far = _noise_at(series, times, spacing)
-        if near is not None and far is not None:
-            grown = near[0] * (spacing / near[1]) ** SETTINGS.growth
-            if far[0] < grown and near[0] < _most(series):
-                return near
+        settles = near is not None and far is not None and far[0] < _grown(near, spacing)
+        if settles and near[0] < _most(series):
+            return near
         near = far
     return None
+
+
+def _grown(near: tuple[float, int], spacing: int) -> float:
+    """How much noise there may be at a spacing, where that and the spacing of nearer samples are `near`."""
+    noise, own = near
+    return noise * (spacing / own) ** SETTINGS.growth
 
 
 def _noise_at(

@@ -87,7 +87,8 @@ class ServoIntegral(OnJoint, FollowedForce):
         self.gear = float(model.actuator_gear[self.actuator, 0])
         self._clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
         self._kp = float(model.actuator_gainprm[self.actuator, 0])
-        self._most = SETTINGS.usual * POSITION_ERROR  # m s or rad s: how far the integral of the error goes
+        self._went = SETTINGS.usual * POSITION_ERROR  # m s or rad s: how far the integral of the error goes
+        self._most = self._went  # where it may end
 
     @classmethod
     def sites(cls, model):
@@ -98,7 +99,7 @@ class ServoIntegral(OnJoint, FollowedForce):
         return (
             Parameter("ki", self.unit("N/(m s)", "N m/(rad s)"), 0.0, SETTINGS.fastest * self._kp, 0.0),
             Parameter(
-                "limit", self.unit("m s", "rad s"), SETTINGS.least_limit * self._most, self._most, self._most
+                "limit", self.unit("m s", "rad s"), SETTINGS.least_limit * self._went, self._most, self._most
             ),
         )
 
@@ -111,8 +112,8 @@ class ServoIntegral(OnJoint, FollowedForce):
         if self.shows:
             errors = self._integrated(self.model.opt.timestep, self.gear)
             parts = [errors[e] for e in self.seen.stretches]
-            went = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
-            self._most = max(went, self._holding(self._kp / SETTINGS.longest))
+            self._went = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
+            self._most = max(self._went, self._holding(self._kp / SETTINGS.longest))
             self._common = float(np.std(np.concatenate([z - z.mean() for z in parts])))
             self._integrals = lru_cache(maxsize=SETTINGS.kept)(self._integrated_ways)
 
