@@ -284,7 +284,7 @@ def test_what_simulations_alone_tell_of_is_a_rival_of_what_the_balance_found(
     selection.accepted = [Accepted(spring, None, [], None, 0.9)]
     selection._ask_simulations_for_rivals(FakeFit((spring.name,), 1.0), selection.accepted[0])
     assert [r.name for r in selection.accepted[0].rivals] == [hard.name] * asked
-    assert selection.candidates[1].why_rejected.startswith("fitted in the" if asked else "explains less")
+    assert selection.candidates[1].why_rejected.startswith("fitted in the" if asked else "explains no more")
 
 
 def test_what_ended_at_a_limit_is_not_fitted_in_a_larger_set_that_has_it_there():
