@@ -484,7 +484,8 @@ class Attribution:
             asked.add(accepted.placed.law)
             if accepted is not self.accepted[-1] or not accepted.rivals:
                 self._ask_for_rivals(current, accepted)
-            self._ask_simulations_for_rivals(current, accepted)
+            if self.models.is_explained(current):
+                self._ask_simulations_for_rivals(current, accepted)
 
     def _ask_for_rivals(self, current: Fit, accepted: Accepted) -> None:
         """Those of one accepted effect, by what the model without it leaves."""
