@@ -22,6 +22,20 @@ from capture_cli.model.tasks.base import ActionTask
 FINER = "finer-time-step"
 
 
+@frozen
+class SETTINGS:
+    as_well: float = 9.0  # of the objective over k: no worse by more, a window is explained as well
+    most_windows: float = 0.75  # of those simulated have to be
+    # of a value, or of its range where that is larger by ten times: less is nobody's concern
+    material: float = 0.003
+    sure: float = 2.0  # sd of the estimate: less is lost in them
+    # k up to which a residual is white, as is that of a log that was simulated in the model's own steps. Where it is
+    # not, something is missing in these steps, too, and that such a model is a little better says nothing of them
+    white: float = 1.5
+    little: float = 0.02  # of the objective
+    gain: float = 0.1  # of the error
+
+
 @dataclass(frozen=True)
 class ShorterStep:
     """point (parameter,): about where the parameters would be in steps of `finer` s, the model's being `step` s.
@@ -35,20 +49,6 @@ class ShorterStep:
     point: np.ndarray
     moved: list[int]
     error: tuple[float, float] | None
-
-
-@frozen
-class SETTINGS:
-    as_well: float = 9.0  # of the objective over k: no worse by more, a window is explained as well
-    most_windows: float = 0.75  # of those simulated have to be
-    # of a value, or of its range where that is larger by ten times: less is nobody's concern
-    material: float = 0.003
-    sure: float = 2.0  # sd of the estimate: less is lost in them
-    # k up to which a residual is white, as is that of a log that was simulated in the model's own steps. Where it is
-    # not, something is missing in these steps, too, and that such a model is a little better says nothing of them
-    white: float = 1.5
-    little: float = 0.02  # of the objective
-    gain: float = 0.1  # of the error
 
 
 def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals) -> ShorterStep | None:

@@ -500,8 +500,8 @@ class Attribution:
             return
         known = {r.name for r in accepted.rivals} | self.models.explaining_with(inside)
         known.discard(accepted.name)
-        new = [c for c in ranked if c.name not in known and _may_rival(mine.score, c.score)]
-        new = [c for c in new if c is not mine]
+        others = [c for c in ranked if c is not mine and c.name not in known]
+        new = [c for c in others if _may_rival(mine.score, c.score)]
         if self.models.is_explained(current):  # what is alike in the balance need not be in a simulation
             new = new[: SETTINGS.likeliest]
         else:

@@ -512,20 +512,25 @@ class Simulator:
         before (simulation, column): s, before that, that what was so at a start was reported. elapsed (simulation,): s,
         since the episode began.
         """
-        true = reported.at(before)
-        for own in reversed(self._placed):
-            true = own.effect.true_motion(true, each[:, own.parameters], elapsed)
+        true = self._true_motion(reported.at(before), each, elapsed)
         return reported.initial_change(true, self._own_states, self.substeps)
+
+    def _true_motion(self, derivatives: np.ndarray, each: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
+        """How the sensors' numbers moved in truth where they were reported with `derivatives`, (simulation, 3, column).
+
+        each (simulation, parameter); elapsed as of `_initial_change`.
+        """
+        for own in reversed(self._placed):
+            derivatives = own.effect.true_motion(derivatives, each[:, own.parameters], elapsed)
+        return derivatives
 
     def _filtered_late(self, each: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
         """How late each column of sensordata shows a steady motion beside its lateness, s, (simulation, column)."""
         still = np.zeros((len(each), 3, self.task.model.nsensordata))
         steady = still.copy()
         steady[:, 1] = 1.0
-        for own in reversed(self._placed):
-            values = each[:, own.parameters]
-            still, steady = (own.effect.true_motion(m, values, elapsed) for m in (still, steady))
-        return steady[:, 0] - still[:, 0]
+        moved, rested = (self._true_motion(m, each, elapsed)[:, 0] for m in (steady, still))
+        return moved - rested
 
     def _fields(self, each: np.ndarray) -> ModelFields:
         fields = ModelFields(self.task.model, len(each))

@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -21,12 +20,6 @@ class Begins:
     late: np.ndarray
     shown: np.ndarray
     states: np.ndarray
-    names: ClassVar[tuple[str, ...]] = ("first", "late", "shown", "states")
-
-    @property
-    def numbers(self) -> dict[str, np.ndarray]:
-        """By name."""
-        return {name: getattr(self, name) for name in self.names}
 
 
 class FollowedForce(JointForce):

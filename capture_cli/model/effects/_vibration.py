@@ -270,10 +270,7 @@ class Shaken:
 
 def _on_even(even: np.ndarray, values: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Values (even, ...) at even times, s, straight between them at `time` (step,); the first before them."""
-    at = np.clip((time - even[0]) / (even[1] - even[0]), 0, len(even) - 1)
-    before = np.minimum(at.astype(int), len(even) - 2)
-    share = (at - before).reshape(-1, *[1] * (values.ndim - 1))
-    return values[before] + share * (values[before + 1] - values[before])
+    return at_steps(values, np.clip((time - even[0]) / (even[1] - even[0]), 0, len(even) - 1))
 
 
 def swings_after(

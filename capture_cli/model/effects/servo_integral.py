@@ -1,5 +1,6 @@
 """The integral term of a position servo: a PID drive whose model has gains on position and speed alone."""
 
+from dataclasses import fields
 from functools import lru_cache
 
 import mujoco
@@ -122,7 +123,7 @@ class ServoIntegral(OnJoint, FollowedForce):
         return super().shows and self.actuator in self.seen.controls
 
     def force_since(self, given, timestep, begins):
-        return ForceSinceBefore(self, given | begins.numbers, timestep)
+        return ForceSinceBefore(self, given | vars(begins), timestep)
 
     def gears(self, world: World) -> np.ndarray:
         """(simulation,), which a parameter may have changed."""
@@ -223,7 +224,7 @@ class ForceSinceBefore(ForceOfKernel):
 
     def own(self, world):
         own = super().own(world)
-        begins = Begins(**{name: own.pop(name) for name in list(own) if name in Begins.names})
+        begins = Begins(**{f.name: own.pop(f.name) for f in fields(Begins)})
         gears = self.effect.gears(world)
         own["integral"] = self.effect.integral(**own, begins=begins, gears=gears, timestep=self.timestep)
         return own
