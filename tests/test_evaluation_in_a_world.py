@@ -161,7 +161,7 @@ def test_it_is_said_how_long_a_world_takes():
     [
         ({"robot": "Pandas"}, "'Pandas' is none of robosuite.*did you mean 'Panda'"),
         ({"robot": "SpotWithArm"}, "stands on no table"),
-        ({"robot": "Baxter"}, "--robot Baxter, scooping: the robot's hand .* alone, and its range"),
+        ({"robot": "Baxter"}, "--robot Baxter, scooping: within the ranges of its joints .* does not reach"),
         ({"world": "plant"}, "--robot UR5e without --world robosuite"),
         ({"world": "moon"}, "unknown --world 'moon'"),
         ({"task": "scooping-distance"}, "no robosuite scene of 'scooping-distance'"),
@@ -179,7 +179,7 @@ def test_what_cannot_be_is_said_before_any_work(tmp_path, monkeypatch, options, 
 def test_a_robot_that_stands_too_far_off_is_refused(monkeypatch):
     monkeypatch.setattr(air_hockey.TableAirHockey, "table_size", (2.4, 0.8, 0.05))
     with pytest.raises(
-        OptionError, match=r"--robot UR5e, air-hockey: the robot's hand (stays|is at)"
+        OptionError, match=r"--robot UR5e, air-hockey: within the ranges of its joints"
     ) as caught:
         World(load_task("air-hockey"), "UR5e").try_out()
     assert "Panda" in caught.value.cure

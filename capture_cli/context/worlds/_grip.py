@@ -31,12 +31,15 @@ def take_options(root: ElementTree.Element, plant: ElementTree.Element) -> None:
 def reach(model, data, site: int, goal: np.ndarray, joints, dofs) -> np.ndarray:
     """Joint positions at which `site` is at `goal` and the hand points down, by Gauss-Newton steps.
 
-    Raises Unreachable where the robot cannot reach it, or only beyond the range of a joint.
+    Each step ends within the ranges of the joints. Raises Unreachable where the robot does not get there.
     """
+    ids = model.dof_jntid[dofs]
+    limits = np.where(model.jnt_limited[ids, None], model.jnt_range[ids], [-np.inf, np.inf]).T
     jacobian = np.zeros((6, model.nv))
     # m and rad
     ik_steps = 50
     ik_tolerance = 1e-10
+    nearest = np.full(6, np.inf)
     for _ in range(ik_steps):
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
@@ -46,21 +49,15 @@ def reach(model, data, site: int, goal: np.ndarray, joints, dofs) -> np.ndarray:
         )
         error = np.concatenate([goal - data.site_xpos[site], turn_vector])
         if np.abs(error).max() < ik_tolerance:
-            return _within_ranges(model, data.qpos[joints].copy(), dofs)
+            return data.qpos[joints].copy()
+        nearest = min(nearest, error, key=np.linalg.norm)
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
-        data.qpos[joints] += np.linalg.lstsq(jacobian[:, dofs], error, rcond=None)[0]
-    raise Unreachable(f"the robot's hand stays {np.linalg.norm(error[:3]):.3g} m from the tool's handle")
-
-
-def _within_ranges(model, posture: np.ndarray, dofs) -> np.ndarray:
-    for joint, position in zip(model.dof_jntid[dofs], posture, strict=True):
-        low, high = model.jnt_range[joint]
-        if model.jnt_limited[joint] and not low <= position <= high:
-            raise Unreachable(
-                f"the robot's hand is at the tool's handle with the joint {model.joint(joint).name} at "
-                f"{position:.3g} rad alone, and its range is {low:.3g} to {high:.3g}"
-            )
-    return posture
+        step = np.linalg.lstsq(jacobian[:, dofs], error, rcond=None)[0]
+        data.qpos[joints] = np.clip(data.qpos[joints] + step, *limits)
+    raise Unreachable(
+        "within the ranges of its joints the robot's hand, pointing down, does not reach the tool's handle: "
+        f"at best it is {np.linalg.norm(nearest[:3]):.2g} m and {np.linalg.norm(nearest[3:]):.2g} rad away"
+    )
 
 
 def take_hold(robot, arm: str, model, data, handle: str, servos) -> None:
