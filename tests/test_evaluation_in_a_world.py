@@ -218,3 +218,8 @@ def test_records_are_of_the_robot_that_was_asked_for(tmp_path):
     assert np.abs(made["Panda"].log.outputs - made["UR5e"].log.outputs).max() > 1e-5
     with pytest.raises(OptionError, match="without --world robosuite"):
         record(task="scooping", robot="Panda", out=tmp_path / "plant")
+
+
+def test_what_is_drawn_first_is_drawn_alike():
+    first, second = (World(TASK, "UR5e").scene.outputs for _ in range(2))
+    np.testing.assert_array_equal(first, second)

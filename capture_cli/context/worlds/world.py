@@ -31,6 +31,7 @@ class SETTINGS:
     robot: str = "Panda"
     rate: float = 100.0  # Hz, of the arm's commands and of what is logged
     behind: float = 0.9  # of the way a tool is sent: of one that stays 1, of a Panda's 0.7 in short strokes
+    seed: int = 0  # without one robosuite draws other places in every process
     horizon: float = 2.0  # of an episode: robosuite counts its control steps
 
 
@@ -63,8 +64,9 @@ class World:
         scene = importlib.import_module(module).MACHINE
         _check_robot(self.robot)
         horizon = round(SETTINGS.horizon * self.rate * self.task.point_times[-1])
-        with self._able():  # it takes the tool
-            made = scene(robots=self.robot, control_freq=self.rate, horizon=horizon, hard_reset=False)
+        options = {"control_freq": self.rate, "horizon": horizon, "hard_reset": False}
+        with self._able():  # it takes the tool, in a place that is drawn
+            made = scene(robots=self.robot, seed=SETTINGS.seed, **options)
         object.__setattr__(self, "scene", made)
 
     def play(self, parameters: np.ndarray, actions: np.ndarray) -> list[Played]:
