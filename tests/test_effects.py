@@ -614,6 +614,32 @@ def test_an_encoder_on_the_motor_shows_the_rotor(name, joint, values, rotor, see
 
 
 @pytest.mark.parametrize(("name", "joint", "values"), [SPRING, PLAY])
+@pytest.mark.parametrize("limit", ["", 'forcerange="-5 5"'])
+@pytest.mark.parametrize("kinds", [["q"], ["q", "v"]])
+def test_a_servo_closes_its_loop_on_what_the_motors_encoder_sees(name, joint, values, limit, kinds):
+    rotor, kp, kv, target = 0.3, 150, 3, 0.05
+    servo = f'<position joint="r" kp="{kp}" kv="{kv}" {limit}/>'
+    sensors = "".join(f'<joint{ {"q": "pos", "v": "vel"}[kind] } name="{kind}" joint="r"/>' for kind in kinds)
+    two = TWO_MASSES.format(joint=joint, rotor=rotor, rest=1 - rotor, motor=2, link=2, dry=0, rubs=0)
+    two = two.replace('<motor joint="r"/>', servo).replace('<jointpos joint="l"/>', sensors)
+    one = (
+        ONE_MASS.format(dry=0).replace('<motor joint="l"/>', servo).replace('<jointpos joint="l"/>', sensors)
+    )
+    one, two = build(one.replace('"r"', '"l"')), build(two)
+    tape = target * np.sign(np.cos(2 * np.pi * 1.3 * np.arange(900) * 1e-3))[None, :, None]
+    held = min(kp * target, 5 if limit else np.inf) - kv * 0.1
+    ahead = values.get("width", 0.0) / 2 + values.get("compliance", 0.0) * held * (1 - rotor)
+    begin = InitialStates(np.array([[0.0, -ahead]]), np.full((1, 2), 0.1), *NOTHING)
+    truth = run(two, tape=np.repeat(tape, 10, axis=1), initial=begin)[0][:, ::10]
+    start = InitialStates(np.zeros((1, 1)), np.full((1, 1), 0.1), *NOTHING)
+    effect = effects.REGISTRY.get(name)(one, "+".join(["l", *kinds]))
+    at = effect.space.to_vector({**values, "rotor": rotor, "motor_damping": 0.5})
+    shown, rigid = (run(one, *given, tape=tape, initial=start)[0] for given in ([(effect, at[None])], []))
+    error, error_rigid = (((s - truth) ** 2).mean(axis=(0, 1)) ** 0.5 for s in (shown, rigid))
+    assert (error < (0.5 if limit else 0.25) * error_rigid).all()  # at its limit a servo's gains count as 0
+
+
+@pytest.mark.parametrize(("name", "joint", "values"), [SPRING, PLAY])
 def test_an_actuators_encoder_shows_the_rotor_through_its_gear(name, joint, values):
     xml = (
         ONE_MASS.format(dry=0)

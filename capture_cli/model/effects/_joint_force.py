@@ -77,6 +77,10 @@ class JointForce(JointEffect):
         at = int(self.model.jnt_qposadr[self.joint]) if field == "qpos" else self.dof
         return getattr(world, field)[:, at]
 
+    def source_of(self, field: str) -> str:
+        """How a companion reads what `read` gives, for one simulation."""
+        return _READ.get(field, f"data.{field}[dof]")
+
     def add(self, world: World, term: np.ndarray) -> None:
         """Add `term` (simulation,)."""
         if self.adds_to == FORCE:
@@ -87,7 +91,7 @@ class JointForce(JointEffect):
 
     def companion(self, name, values):
         fields = inputs(self.kernel)
-        reads = [_READ.get(field, f"data.{field}[dof]") for field in fields]
+        reads = [self.source_of(field) for field in fields]
         kernels = (self.kernel, *([gives_way, inertia_felt] if INERTIA in fields else []))
         term, state = call(name, self.kernel, reads, self.numbers(values))
         joint = source(self.model, "joint", self.joint_name)

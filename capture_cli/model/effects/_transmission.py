@@ -1,7 +1,7 @@
 """Between a motor and the joint that it drives: sites, parameters, and encoders that are the motor's."""
 
 from abc import abstractmethod
-from collections.abc import Sequence, Set
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import replace
 from functools import lru_cache
 from itertools import product
@@ -9,7 +9,7 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from capture_cli.model.effects._joint_force import FRICTION, ForceOfKernel, JointForce
+from capture_cli.model.effects._joint_force import DAMPING, FRICTION, ForceOfKernel, JointForce
 from capture_cli.model.effects._kernel import INDENT, Companion, kept, number
 from capture_cli.model.effects._scales import driven_joint, driven_joints, free_inertia
 from capture_cli.model.effects._two_mass import MOST_SHARE
@@ -20,6 +20,12 @@ from capture_cli.model.world import World
 
 _S = mujoco.mjtSensor
 GEAR = "actuator_gear"
+UNLIMITED = np.array([-np.inf, np.inf])
+BIAS, LIMITS = "actuator_biasprm", "actuator_forcerange"
+LOSSES, SERVO = (
+    "losses",
+    "servo",
+)  # of a kernel's inputs: damping and dry friction; gains of servos on the rotor
 JOINTS_OWN = -1  # of sensors: it is the joint's
 POSITIONS = (int(_S.mjSENS_JOINTPOS), int(_S.mjSENS_ACTUATORPOS))
 SPEEDS = (int(_S.mjSENS_JOINTVEL), int(_S.mjSENS_ACTUATORVEL))
@@ -95,6 +101,21 @@ class TransmissionEffect(JointForce):
         grid[:, self.space.names.index("rotor")] = spread(self.rotor, count)
         return grid
 
+    def read(self, world, field):
+        if field == LOSSES:
+            return tuple(super(TransmissionEffect, self).read(world, each) for each in (DAMPING, FRICTION))
+        if field == SERVO:
+            return tuple(sum(self.on_motor.gains(world, k)) if self.on_motor else 0.0 for k in range(2))
+        return super().read(world, field)
+
+    def source_of(self, field):
+        if field == LOSSES:
+            return f"({', '.join(super(TransmissionEffect, self).source_of(each) for each in (DAMPING, FRICTION))})"
+        if field == SERVO:
+            gains = (" + ".join(self.on_motor.gains_source(k)) if self.on_motor else "" for k in range(2))
+            return f"({', '.join(gain or '0.0' for gain in gains)})"
+        return super().source_of(field)
+
     def force(self, values, timestep, *, states=None, **_):
         states = np.zeros((len(values), len(self.states))) if states is None else states
         room, speed = self.looseness(values)
@@ -109,11 +130,18 @@ class TransmissionEffect(JointForce):
             field = f"model.{FRICTION}"
             lines = (*own.lines, f"{field}[dof] *= 1 - {number(share)}")
             own = replace(own, lines=lines, changes=(*own.changes, field))
-        return own if self.on_motor is None else self.on_motor.in_companion(own, kept(name))
+        if self.on_motor is None:
+            return own
+        return self.on_motor.in_companion(replace(own, kernels=(*own.kernels, gain_on_rotor)), kept(name))
 
     @abstractmethod
     def looseness(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far and how fast the rotor may run ahead of the link, (simulation,) each."""
+
+
+def gain_on_rotor(gear, bias, force, limits):
+    """Of a servo's feedback at the joint: by how much its force falls per unit; not at all at a limit of its force."""
+    return -(gear**2) * bias * ((limits[..., 0] < force) & (force < limits[..., 1]))
 
 
 class TransmissionForce(ForceOfKernel):
@@ -147,6 +175,7 @@ class TransmissionSeenFromMotor(TransmissionForce):
 class MotorEncoders:
     """The sensors of a joint and of its actuators that see the rotor, which is ahead of the joint by d at d'.
 
+    Servos on the joint close their loops on what they see.
     positions, speeds: their columns of sensordata, and the actuator whose gear times d or d' each shows, {column:
     actuator}; JOINTS_OWN where it shows just that.
     """
@@ -159,6 +188,9 @@ class MotorEncoders:
         self.positions, self.speeds = shown(POSITIONS, sensors), shown(SPEEDS, sensors)
         self.other_speeds = set(shown(SPEEDS, _encoders(model, joint))) - set(self.speeds)
         self.at, self.dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+        affine = model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE)
+        self.servos = [int(a) for a in np.flatnonzero(affine) if driven_joint(model, int(a)) == joint]
+        self.limited = [bool(model.actuator_forcelimited[a]) for a in self.servos]
 
     @property
     def reported(self) -> frozenset[int]:
@@ -170,6 +202,25 @@ class MotorEncoders:
         other = self.other_speeds if logged is None else self.other_speeds & logged
         # without one of its own it is the position's
         return bool(self.speeds or (self.positions and not other))
+
+    def on_rotor(self, order: int) -> list[tuple[int, bool]]:
+        """Servos whose feedback, 0 of position or 1 of speed, is of the rotor, and whether their force is limited."""
+        seen = self.tell_speed(None) if order else bool(self.positions)
+        return list(zip(self.servos, self.limited, strict=True)) if seen else []
+
+    def gains(self, world: World, order: int) -> Iterator[np.ndarray]:
+        """Gains at the joint of the servos on the rotor, (simulation,) each."""
+        for a, limited in self.on_rotor(order):
+            gear, bias = world.vary(GEAR)[:, a, 0], world.vary(BIAS)[:, a, 1 + order]
+            limits = world.vary(LIMITS)[:, a] if limited else UNLIMITED
+            yield gain_on_rotor(gear, bias, world.actuator_force[:, a], limits)
+
+    def gains_source(self, order: int) -> Iterator[str]:
+        """The same in a companion."""
+        for a, limited in self.on_rotor(order):
+            limits = f"model.{LIMITS}[{a}]" if limited else number(UNLIMITED)
+            values = f"model.{GEAR}[{a}, 0], model.{BIAS}[{a}, {1 + order}], data.actuator_force[{a}]"
+            yield f"gain_on_rotor({values}, {limits})"
 
     def begin_with_speed(self, qvel: np.ndarray, rate: np.ndarray) -> None:
         """Take d' off the speed (simulation, dof) of the joint."""

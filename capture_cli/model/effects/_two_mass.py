@@ -23,8 +23,10 @@ class TwoMass(ABC):
     Of its dry friction a part may be the motor's, too: a force f against the rotor's speed v + d', as large as that
     part or as large as stops the rotor within the step. T is less by f, and so is the extra force.
 
-    T and b are those of the step before. Actuators go on seeing the joint, which is the link: a servo that closes its
-    loop on the rotor is outside of this. M is what a force on the joint alone has to accelerate, in the pose of the
+    The model's actuators see the joint, which is the link. A servo that closes its loop on the rotor gives
+    K d + L d' less, with K and L its gains: T is less by that, and so is the extra force.
+
+    T and b are those of the step before. M is what a force on the joint alone has to accelerate, in the pose of the
     step before. seen: d and d' at the beginning of the last step, which an encoder on the rotor shows.
     """
 
@@ -37,10 +39,13 @@ class TwoMass(ABC):
         self.rate, self.acceleration = turning + 0.0 * rotor, 0.0 * rotor  # d', d''
         self.speed = None  # of the joint, at the last step
 
-    def __call__(self, qvel, qacc, qfrc_actuator, dof_damping, dof_frictionloss, inertia):
-        """The force -J d'' - B d' - f. qacc, qfrc_actuator and inertia (M) are of the step before."""
+    def __call__(self, qvel, qacc, qfrc_actuator, losses, inertia, servo):
+        """The extra force. qacc, qfrc_actuator and inertia (M) are of the step before.
+
+        losses: damping and dry friction of the joint. servo: K and L; 0 where it sees the link.
+        """
         rotor = np.minimum(self.rotor, MOST_SHARE * inertia)
-        damping, friction = self.motor_damping * dof_damping, self.motor_friction * dof_frictionloss
+        damping, friction = self.motor_damping * losses[0], self.motor_friction * losses[1]
         begins = self.speed is None
         if begins:  # the step before knew nothing of the motor's part of the friction
             rigid = qacc + friction * np.sign(qvel) / inertia
@@ -49,8 +54,11 @@ class TwoMass(ABC):
         passed = qfrc_actuator - damping * qvel - rotor * rigid
         if begins:
             self.begin(passed)
+            # where the joint was until now the rotor is, on which the servo closes its loop
+            nearer = servo[0] * self.deflection
+            rigid, passed = rigid + nearer / inertia, passed + nearer * (1 - rotor / inertia)
         self.seen = self.deflection, self.rate
-        self.step(qvel, rigid, passed, rotor, (damping, friction), inertia)
+        self.step(qvel, rigid, passed, (rotor, inertia), (servo[0], damping + servo[1], friction))
         self.speed = np.array(qvel)
         return self.extra
 
@@ -58,18 +66,18 @@ class TwoMass(ABC):
         """Wind the transmission up, as it is at the start under the force `passed`."""
         self.deflection = self.at_rest(passed) + self.ahead
 
-    def step(self, qvel, rigid, passed, rotor, losses, inertia):
+    def step(self, qvel, rigid, passed, inertias, resists):
         """Advance the transmission by a step, on which `passed` - f acts, and with it the extra force.
 
-        losses: the motor's damping and friction.
+        inertias: of the rotor, and M. resists: what holds the rotor: stiffness, damping and dry friction.
         """
-        damping, friction = losses
+        (rotor, inertia), (holding, damping, friction) = inertias, resists
         h, apart = self.timestep, 1 - rotor / inertia
 
         def resisted(friction):
             """The state of the transmission, the extra force, and the rotor's speed after a step."""
-            state = self.advance(passed - friction * apart, rotor * apart, damping / rotor)
-            extra = -rotor * ((state[1] - self.rate) / h) - damping * state[1] - friction
+            state = self.advance(passed - friction * apart, rotor * apart, damping / rotor, holding * apart)
+            extra = -rotor * ((state[1] - self.rate) / h) - damping * state[1] - holding * state[0] - friction
             return state, extra, qvel + h * (rigid + extra / inertia) + state[1]
 
         state, extra, turning = resisted(0.0)
@@ -85,8 +93,8 @@ class TwoMass(ABC):
         """Deflection at which the transmission passes on the force `passed` and rests."""
 
     @abstractmethod
-    def advance(self, passed, against, slowing):
-        """d, d' and d'' after a step. While nothing is passed on, d'' is `passed` / `against` - `slowing` d'.
+    def advance(self, passed, against, slowing, holding):
+        """d, d' and d'' after a step. Where nothing is passed on, d'' = (passed - holding d) / against - slowing d'.
 
-        against: inertia, of the rotor against the link. slowing: 1/s.
+        against: inertia, of the rotor against the link. slowing: 1/s. holding: stiffness, likewise.
         """

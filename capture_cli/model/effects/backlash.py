@@ -24,14 +24,15 @@ class Play(TwoMass):
     def at_rest(self, passed):
         return self.half * np.sign(passed) + self.give * passed
 
-    def advance(self, passed, against, slowing):
+    def advance(self, passed, against, slowing, holding):
         step, d, rate = self.timestep / WITHIN, self.deflection, self.rate
         theta = 0.5 + 0.5 * step**2 / (self.give * against + step**2)
         h = theta * step
-        drives, slows, lasts = h * passed / against, 1 + h * slowing, self.damping_time + h
+        drives, holds = h * passed / against, h * holding / against
+        slows, lasts = 1 + h * (slowing + holds), self.damping_time + h
         resists = self.give * slows + h * lasts / against
         for _ in range(WITHIN):
-            driven = rate + drives
+            driven = rate + drives - holds * d
             alone = driven / slows
             ahead = d + h * alone
             side = np.sign(ahead)

@@ -24,7 +24,9 @@ BETA = 0.25 * (1 - ALPHA_M + ALPHA_F) ** 2
 
 
 class Spring(TwoMass):
-    """I d'' + (damping_time + I slowing) d' + d = compliance passed, with I the compliance times `against`.
+    """I d'' + (damping_time + I slowing) d' + (1 + compliance holding) d = compliance passed.
+
+    I is the compliance times `against`.
 
     A step of generalized-alpha (Chung and Hulbert 1993), implicit in the spring.
     """
@@ -36,16 +38,16 @@ class Spring(TwoMass):
     def at_rest(self, passed):
         return self.compliance * passed
 
-    def advance(self, passed, against, slowing):
-        h, inverse = self.timestep, self.compliance * against
+    def advance(self, passed, against, slowing, holding):
+        h, inverse, springs = self.timestep, self.compliance * against, 1 + self.compliance * holding
         damping = self.damping_time + inverse * slowing
         before, rate, acceleration = self.deflection, self.rate, self.acceleration
         # both as they would be at the end of the step if d'' were 0 there
         coming_rate = rate + h * (1 - GAMMA) * acceleration
         coming = before + h * rate + h * h * (0.5 - BETA) * acceleration
         resisting = damping * ((1 - ALPHA_F) * coming_rate + ALPHA_F * rate)
-        resisting += (1 - ALPHA_F) * coming + ALPHA_F * before
-        stiffness = (1 - ALPHA_F) * (damping * GAMMA * h + BETA * h * h)
+        resisting += springs * ((1 - ALPHA_F) * coming + ALPHA_F * before)
+        stiffness = (1 - ALPHA_F) * (damping * GAMMA * h + springs * BETA * h * h)
         wound = self.compliance * passed - inverse * ALPHA_M * acceleration
         now = (wound - resisting) / (inverse * (1 - ALPHA_M) + stiffness)
         return coming + h * h * BETA * now, coming_rate + h * GAMMA * now, now
