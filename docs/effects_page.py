@@ -71,7 +71,7 @@ ranges in your model.
 
 - **Site.** A joint (hinge or slide), tendon, body, geom, actuator or sensor, or the model as a whole:
   `coulomb-friction@elbow`, with the parameter `coulomb-friction@elbow.friction`; `gravity-tilt.tilt_x` of the whole.
-  An object without a name is `#N`, from 0. `backlash@knee+angle`: the sensor `angle` is the motor's encoder.
+  An object without a name is `#N`, from 0. `backlash@knee+angle`: `angle` is the encoder of motor and servo.
 - **Null.** At the null of its parameters (0, or the end of the range for limits) the simulation is bit by bit that of
   the model without the effect.
 - **Nonlinear parameters** (*) say what the effect looks like: a period, a position. They mean nothing while the
