@@ -200,3 +200,24 @@ def test_every_shape_tried_counts_where_nothing_is_missing(logs):
     assert search._next(declared) is None
     told = {c.name: (c.shapes_tried, c.why_rejected) for c in search.candidates}
     assert all(tried > 30 and why for tried, why in told.values()), told
+
+
+def test_a_search_that_would_go_round_ends(logs, monkeypatch):
+    """Whatever enters is taken out again at once."""
+
+    def none_holds(self, current, judged, reason):
+        for accepted in list(judged):
+            self.accepted.remove(accepted)
+        return declared
+
+    search, fits = attribution(logs["time"], PERIODIC)
+    declared = fits.fit(search.models.fit_part, [], logs["time"].task.space.nominal)
+    monkeypatch.setattr(Attribution, "_backward", none_holds)
+    assert search.run(declared) is declared
+    assert search.accepted == [] and search.models.given_up
+
+
+def test_a_model_has_one_time_step(logs):
+    """Not a half, a quarter and an eighth of it at once."""
+    effects = [REGISTRY.get("finer-time-step")(logs["none"].task.model, s) for s in ("half", "eighth")]
+    assert len({e.variant_of for e in effects}) == 1

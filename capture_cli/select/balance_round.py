@@ -68,14 +68,15 @@ class BalanceRound:
         it, where it has one effect more, its rivals: the others with one, and what was not fitted and does nearly the
         same as one of these.
         """
-        if not self.supported:
+        supported = self.models.not_given_up(self.supported)
+        if not supported:
             self._reject_unfitted([])
             return None
-        best = self.models.best_of(self.supported)
-        as_good = [s for s in self.supported if s is best or self.models.as_good(best, s)]
+        best = self.models.best_of(supported)
+        as_good = [s for s in supported if s is best or self.models.as_good(best, s)]
         chosen = min(as_good, key=lambda s: (len(s.fit.point), s.fit.penalised_squares))
         names, rivals = [e.name for e in chosen.added], []
-        for other in sorted(self.supported, key=lambda s: s.fit.penalised_squares):
+        for other in sorted(supported, key=lambda s: s.fit.penalised_squares):
             if len(other.added) == 1 and other.added[0].name not in names:
                 self._reject(other.added, f"{' and '.join(names)} explains as much with less, or more")
                 rivals.append(replace(self.candidates[other.added[0].name]))

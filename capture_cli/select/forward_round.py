@@ -281,14 +281,15 @@ class ForwardRound:
         best. With it, where it is one effect, its rivals: the others, and what was not fitted and does nearly the same
         as one of these.
         """
-        if not self.supported:
+        supported = self.models.not_given_up(self.supported)
+        if not supported:
             return None
-        order = np.argsort(self.models.losses(self.supported), kind="stable")
-        best = self.supported[order[0]]
-        as_good = [s for s in self.supported if s is best or self.models.as_good(best, s)]
+        order = np.argsort(self.models.losses(supported), kind="stable")
+        best = supported[order[0]]
+        as_good = [s for s in supported if s is best or self.models.as_good(best, s)]
         chosen = min(as_good, key=lambda s: (len(s.fit.point), s.fit.penalised_squares))
         names, by_name = [e.name for e in chosen.added], {c.name: c for c in self.ranked}
-        others = [self.supported[i] for i in order if len(self.supported[i].added) == 1]
+        others = [supported[i] for i in order if len(supported[i].added) == 1]
         rivals = [by_name[s.added[0].name] for s in others if s.added[0].name not in names]
         for candidate in rivals:
             candidate.why_rejected = f"{' and '.join(names)} explains as much with less, or more"

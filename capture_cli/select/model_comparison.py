@@ -78,6 +78,7 @@ class ModelComparison:
     folds: what is fitted, and what judges; nothing judges where the log is one window long.
 
     excess: squared error above the noise floor of the declared model. held: what holds so far in the round under way.
+    given_up: by the names of their effects, models that were chosen, and led back to one that was there before.
     """
 
     def __init__(self, fits: ModelFits, folds: Folds, *, seed: int):
@@ -87,6 +88,7 @@ class ModelComparison:
         self.seed = seed
         self.excess = REGRESSION.tiny
         self.held: list[FittedSet] = []
+        self.given_up: set[frozenset[str]] = set()
         self.candidates: Sequence[Candidate] = ()
         self._screening: Screening | object | None = _NOT_MADE
         self._about: tuple[Fit, Screening | None] | None = None
@@ -120,6 +122,9 @@ class ModelComparison:
             return False
         own = PartFit.of(both.at).rows(judged[seen])
         return not lack_held_out(own.data, own.residual).lacking
+
+    def not_given_up(self, some: Sequence[FittedSet]) -> list[FittedSet]:
+        return [s for s in some if frozenset(e.name for e in s.fit.effects) not in self.given_up]
 
     def useful_error(self, current: Fit) -> float:
         """The error above which a model with more than `current` is of no use: near the floor, where `current` leaves

@@ -56,6 +56,7 @@ class SETTINGS:
     asked_again: float = 0.5
     # of the squared error above the noise floor, what shorter steps may leave by their score, to be asked first
     left_by_steps: float = 0.5
+    better: float = 1e-3  # of the error of a model that is found again: by less it is the same
     as_much: float = (
         0.8  # of an effect's score, with the others in: what has more may be what is there in its place
     )
@@ -123,6 +124,9 @@ class Attribution:
         self.models.candidates = self.candidates
         self.accepted: list[Accepted] = []
         self._told: set[str] = set()  # of an explained log, what simulations alone are sure of
+        self._ended: dict[
+            frozenset[str], float
+        ] = {}  # error of the best fit of each model that a round ended with
         self._promised: dict[str, float] = {}  # by its last score through the simulator, squared noise floors
         self.out_of_time = False
 
@@ -164,7 +168,8 @@ class Attribution:
             known = len(self.accepted)
             if not known:
                 self.models.excess = max(current.excess, REGRESSION.tiny)
-            found = self._next(current)
+            self._ended.setdefault(_names(current), current.error)
+            found = chosen = self._next(current)
             if found is None:
                 break
             better = self.models.as_well_without(current, found) if len(self.accepted) == known + 1 else None
@@ -181,6 +186,8 @@ class Attribution:
                 asked = [a for a in self.accepted if a.name in earlier]
                 current = self._compare_with_rivals(current, asked)
             self._keep(current)
+            if not self._leads_on(current):
+                self.models.given_up.add(_names(chosen))
         current = self._without_minor(current)
         current = self._keep(self._backward(current, self.accepted, Support.reason_against))
         self._ask_again(current)
@@ -188,6 +195,12 @@ class Attribution:
         if compared is not current:  # with another in its place an effect may have nothing left to do
             compared = self._backward(compared, self.accepted, Support.reason_against)
         return self._keep(compared)
+
+    def _leads_on(self, current: Fit) -> bool:
+        """Whether no round before ended with this model, or with a worse fit of it: the search would go round."""
+        names = _names(current)
+        before, self._ended[names] = self._ended.get(names, np.inf), current.error
+        return current.error < (1 - SETTINGS.better) * before
 
     def _is_missing(self, current: Fit) -> bool:
         """Whether more is left than chance allows; or, of the declared model, an effect predicts blocks that no fit saw
@@ -641,3 +654,7 @@ def _is_shorter_step(placed: Placed) -> bool:
 def _are_steps(one: Placed, other: Placed) -> bool:
     """Whether both are, of two lengths: no experiment would tell them apart."""
     return one.kind == other.kind and _is_shorter_step(one)
+
+
+def _names(fit: Fit) -> frozenset[str]:
+    return frozenset(e.name for e in fit.effects)

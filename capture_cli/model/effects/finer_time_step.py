@@ -21,6 +21,10 @@ class FinerTimeStep(Effect):
         return ["half", "quarter", "eighth"] if model.nv else []
 
     @property
+    def variant_of(self):
+        return ""  # a model has one step
+
+    @property
     def substeps(self):
         return 2 ** (1 + self.sites(self.model).index(self.site))
 
