@@ -162,8 +162,21 @@ class Attribution:
         return current
 
     def _search(self, declared: Fit) -> Fit:
-        current = declared
+        """Where a rival takes the place of an effect and leaves something, the search goes on from there."""
         self.models.know(declared)
+        current = declared
+        while True:
+            current = self._pruned(self._with_more(current))
+            compared = self._compare_with_rivals(current, self.accepted)
+            if compared is current:
+                return self._keep(current)
+            # with another in its place an effect may have nothing left to do
+            current = self._keep(self._backward(compared, self.accepted, Support.reason_against))
+            if self.models.is_explained(current) or not self._leads_on(current):
+                return current
+
+    def _with_more(self, current: Fit) -> Fit:
+        """The model with what can be added to it."""
         while self._count < self.most_effects and self._is_missing(current):
             known = len(self.accepted)
             if not known:
@@ -188,13 +201,14 @@ class Attribution:
             self._keep(current)
             if not self._leads_on(current):
                 self.models.given_up.add(_names(chosen))
+        return current
+
+    def _pruned(self, current: Fit) -> Fit:
+        """The model less what does not hold in it; what may be in the place of the rest is asked for."""
         current = self._without_minor(current)
         current = self._keep(self._backward(current, self.accepted, Support.reason_against))
         self._ask_again(current)
-        compared = self._compare_with_rivals(current, self.accepted)
-        if compared is not current:  # with another in its place an effect may have nothing left to do
-            compared = self._backward(compared, self.accepted, Support.reason_against)
-        return self._keep(compared)
+        return current
 
     def _leads_on(self, current: Fit) -> bool:
         """Whether no round before ended with this model, or with a worse fit of it: the search would go round."""
