@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
+from capture_cli.select import search as search_module
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.log_parts import select_folds
 from capture_cli.select.narrow_peaks import NarrowPeaks, _peaks
@@ -221,3 +223,29 @@ def test_a_model_has_one_time_step(logs):
     """Not a half, a quarter and an eighth of it at once."""
     effects = [REGISTRY.get("finer-time-step")(logs["none"].task.model, s) for s in ("half", "eighth")]
     assert len({e.variant_of for e in effects}) == 1
+
+
+@dataclass
+class Gained:
+    gain: float
+
+
+def test_what_had_nothing_to_act_on_is_asked_again(logs, monkeypatch):
+    """As hard friction in a model without any, which acts once dry friction is found; what told little is not."""
+    search, fits = attribution(logs["time"], PERIODIC)
+    declared = fits.fit(search.models.fit_part, [], logs["time"].task.space.nominal)
+    without_action, little, much = search.candidates
+
+    class Round:
+        def __init__(self, models, current, asked, **_):
+            self.scored = current
+            for candidate, gain in ((without_action, 0.0), (little, 1e-3), (much, 1e6)):
+                candidate.score = Gained(gain)
+
+        def choose(self):
+            return None
+
+    monkeypatch.setattr(search_module, "ForwardRound", Round)
+    monkeypatch.setattr(search.models, "screening", lambda _: None)
+    search._by_simulation(declared)
+    assert search._asked_again(search.candidates, declared) == [without_action, much]

@@ -56,6 +56,8 @@ class SETTINGS:
     asked_again: float = 0.5
     # of the squared error above the noise floor, what shorter steps may leave by their score, to be asked first
     left_by_steps: float = 0.5
+    # gain of a score: less than chance gives whatever acts, but once in a thousand times
+    acts: float = 1e-6
     better: float = 1e-3  # of the error of a model that is found again: by less it is the same
     as_much: float = (
         0.8  # of an effect's score, with the others in: what has more may be what is there in its place
@@ -440,7 +442,9 @@ class Attribution:
             on_step=self._step,
         )
         for candidate in asked:
-            gain = candidate.score.gain if candidate.score else np.inf  # it diverged: nothing is known
+            gain = candidate.score.gain if candidate.score else 0.0
+            # where it diverged, or has nothing to act on, as hard friction where there is none, it tells nothing
+            gain = gain if gain > SETTINGS.acts else np.inf
             self._promised[candidate.name] = gain * current.error**2 / found.scored.at.data.count
         return found.choose()
 
