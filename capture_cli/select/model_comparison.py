@@ -124,6 +124,7 @@ class ModelComparison:
         return not lack_held_out(own.data, own.residual).lacking
 
     def not_given_up(self, some: Sequence[FittedSet]) -> list[FittedSet]:
+        """Those that the search may choose: the others led it back."""
         return [s for s in some if frozenset(e.name for e in s.fit.effects) not in self.given_up]
 
     def useful_error(self, current: Fit) -> float:

@@ -58,7 +58,8 @@ class SETTINGS:
     left_by_steps: float = 0.5
     # gain of a score: less than chance gives whatever acts, but once in a thousand times
     acts: float = 1e-6
-    better: float = 1e-3  # of the error of a model that is found again: by less it is the same
+    # of the error of a model that is found again: by less it is the same
+    better: float = 1e-3
     as_much: float = (
         0.8  # of an effect's score, with the others in: what has more may be what is there in its place
     )
@@ -126,9 +127,7 @@ class Attribution:
         self.models.candidates = self.candidates
         self.accepted: list[Accepted] = []
         self._told: set[str] = set()  # of an explained log, what simulations alone are sure of
-        self._ended: dict[
-            frozenset[str], float
-        ] = {}  # error of the best fit of each model that a round ended with
+        self._ended: dict[frozenset[str], float] = {}  # error of the models that rounds ended with
         self._promised: dict[str, float] = {}  # by its last score through the simulator, squared noise floors
         self.out_of_time = False
 

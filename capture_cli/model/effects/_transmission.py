@@ -22,10 +22,8 @@ _S = mujoco.mjtSensor
 GEAR = "actuator_gear"
 UNLIMITED = np.array([-np.inf, np.inf])
 BIAS, LIMITS = "actuator_biasprm", "actuator_forcerange"
-LOSSES, SERVO = (
-    "losses",
-    "servo",
-)  # of a kernel's inputs: damping and dry friction; gains of servos on the rotor
+# Inputs of the kernels: the joint's damping and dry friction; gains of servos on the rotor
+LOSSES, SERVO = "losses", "servo"
 JOINTS_OWN = -1  # of sensors: it is the joint's
 POSITIONS = (int(_S.mjSENS_JOINTPOS), int(_S.mjSENS_ACTUATORPOS))
 SPEEDS = (int(_S.mjSENS_JOINTVEL), int(_S.mjSENS_ACTUATORVEL))
