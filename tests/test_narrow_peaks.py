@@ -249,3 +249,27 @@ def test_what_had_nothing_to_act_on_is_asked_again(logs, monkeypatch):
     monkeypatch.setattr(search.models, "screening", lambda _: None)
     search._by_simulation(declared)
     assert search._asked_again(search.candidates, declared) == [without_action, much]
+
+
+@dataclass(frozen=True)
+class Left:
+    excess: float
+
+
+@pytest.mark.parametrize(("left", "searched"), [(2.0, 2), (19.9, 1)])
+def test_a_search_goes_on_from_a_rival_that_explains_materially_more(logs, monkeypatch, left, searched):
+    search, _ = attribution(logs["none"], PERIODIC)
+    begun, swapped = [], Left(left)
+
+    def with_more(current):
+        begun.append(current)
+        return current if current is swapped else Left(20.0)
+
+    monkeypatch.setattr(search.models, "know", lambda _: None)
+    monkeypatch.setattr(search.models, "is_explained", lambda _: False)
+    monkeypatch.setattr(search, "_with_more", with_more)
+    for name in ("_pruned", "_keep", "_backward"):
+        monkeypatch.setattr(search, name, lambda current, *_: current)
+    monkeypatch.setattr(search, "_compare_with_rivals", lambda *_: swapped)
+    assert search._search(Left(100.0)) is swapped
+    assert begun == [Left(100.0), swapped][:searched]

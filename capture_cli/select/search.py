@@ -40,7 +40,7 @@ from capture_cli.select.log_parts import Folds
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import TIED, WORSE, FittedSet, ModelComparison
 from capture_cli.select.rejection import SETTINGS as REJECTION
-from capture_cli.select.rejection import out_of_range
+from capture_cli.select.rejection import out_of_range, slight
 from capture_cli.select.score import Score
 
 
@@ -163,7 +163,7 @@ class Attribution:
         return current
 
     def _search(self, declared: Fit) -> Fit:
-        """Where a rival takes the place of an effect and leaves something, the search goes on from there."""
+        """Where a rival in the place of an effect explains materially more, the search goes on from there."""
         self.models.know(declared)
         current = declared
         while True:
@@ -172,8 +172,9 @@ class Attribution:
             if compared is current:
                 return self._keep(current)
             # with another in its place an effect may have nothing left to do
-            current = self._keep(self._backward(compared, self.accepted, Support.reason_against))
-            if self.models.is_explained(current) or not self._leads_on(current):
+            before, current = current, self._backward(compared, self.accepted, Support.reason_against)
+            self._keep(current)
+            if self.models.is_explained(current) or slight(before, current, REJECTION.material):
                 return current
 
     def _with_more(self, current: Fit) -> Fit:
