@@ -268,7 +268,7 @@ def test_a_search_goes_on_from_a_rival_that_explains_materially_more(logs, monke
     monkeypatch.setattr(search.models, "know", lambda _: None)
     monkeypatch.setattr(search.models, "is_explained", lambda _: False)
     monkeypatch.setattr(search, "_with_more", with_more)
-    for name in ("_pruned", "_keep", "_backward"):
+    for name in ("_without_minor", "_ask_again", "_keep", "_backward"):
         monkeypatch.setattr(search, name, lambda current, *_: current)
     monkeypatch.setattr(search, "_compare_with_rivals", lambda *_: swapped)
     assert search._search(Left(100.0)) is swapped

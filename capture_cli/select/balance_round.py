@@ -11,7 +11,7 @@ from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit, least
 from capture_cli.estimate.model_fits import Effort
 from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
-from capture_cli.model.effects.placed import Placed
+from capture_cli.model.effects.placed import Placed, names_of
 from capture_cli.select.balance_scores import score_in_balance
 from capture_cli.select.beam import SETTINGS as BEAM
 from capture_cli.select.beam import Level, grown
@@ -176,11 +176,11 @@ class BalanceRound:
         balance need not prefer.
         """
         ranked = sorted(found, key=lambda s: s.fit.penalised_squares)
-        (best, *_), known = ranked, {frozenset(e.name for e in s.fit.effects) for s in found}
+        (best, *_), known = ranked, {names_of(s.fit.effects) for s in found}
         unions, declared = [], len(self.models.fits.prepared.task.space)
         for other in [s for s in ranked if len(s.added) == 1 and s.added[0] not in best.added][: BEAM.united]:
             effects = (*best.fit.effects, *other.added)
-            if frozenset(e.name for e in effects) in known:
+            if names_of(effects) in known:
                 continue
             values = [*best.fit.values, other.fit.point[other.fit.columns(other.added[0].name)]]
             unions.append(BalancedModel(effects, best.fit.point[:declared], tuple(values)))
@@ -233,7 +233,7 @@ class BalanceRound:
         reason = _first(out_of_range(models, current, fit, placed) for placed in added)
         if reason:
             values = [fit.point[fit.columns(e.name)] for e in added]
-            self._at_ends.append((_names(added), _ends(added, values), reason))
+            self._at_ends.append((names_of(added), _ends(added, values), reason))
         return reason
 
     def _ended(self, model: BalancedModel, added: Sequence[Placed]) -> str | None:
@@ -242,7 +242,7 @@ class BalanceRound:
         """
         if model.beyond_noise < 1:
             return None
-        names, there = _names(added), _ends(added, model.values[len(self.current.effects) :])
+        names, there = names_of(added), _ends(added, model.values[len(self.current.effects) :])
         return next((why for some, at, why in self._at_ends if some < names and at and at <= there), None)
 
     def _unsupported(self, fit: Fit, added: Sequence[Placed]) -> str | None:
@@ -265,10 +265,6 @@ def _first(reasons: Iterable[str | None]) -> str | None:
 def _is_one_law(added: Sequence[Placed]) -> bool:
     """Whether the effects are one law, at one place or several."""
     return len({e.law for e in added}) == 1
-
-
-def _names(effects: Sequence[Placed]) -> frozenset[str]:
-    return frozenset(e.name for e in effects)
 
 
 def _ends(effects: Sequence[Placed], values: Sequence[np.ndarray]) -> frozenset:

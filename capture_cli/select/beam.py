@@ -16,7 +16,7 @@ import numpy as np
 from capture_cli.common.processes import in_processes
 from capture_cli.estimate.balance.screening import Addition, BalancedModel, Screening
 from capture_cli.model.effects.base import GLOBAL
-from capture_cli.model.effects.placed import Placed
+from capture_cli.model.effects.placed import Placed, names_of
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ def _together(models: Sequence[BalancedModel], known: int) -> BalancedModel:
 def _best(models: Sequence[BalancedModel]) -> list[BalancedModel]:
     """The models that differ in their effects, best first."""
     ranked = sorted((m for m in models if np.isfinite(m.likelihood).all()), key=lambda m: -m.likelihood.sum())
-    distinct = {frozenset(e.name for e in m.effects): m for m in reversed(ranked)}
+    distinct = {names_of(m.effects): m for m in reversed(ranked)}
     return sorted(distinct.values(), key=lambda m: -m.likelihood.sum())
 
 

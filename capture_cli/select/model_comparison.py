@@ -19,7 +19,7 @@ from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
 from capture_cli.estimate.noise.lack_of_fit import lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.solve.least_squares import SETTINGS as LEAST_SQUARES
-from capture_cli.model.effects.placed import Placed
+from capture_cli.model.effects.placed import Placed, names_of
 from capture_cli.select.balance_scores import screening_of
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.criterion import SETTINGS as CRITERION
@@ -125,7 +125,7 @@ class ModelComparison:
 
     def not_given_up(self, some: Sequence[FittedSet]) -> list[FittedSet]:
         """Those that the search may choose: the others led it back."""
-        return [s for s in some if frozenset(e.name for e in s.fit.effects) not in self.given_up]
+        return [s for s in some if names_of(s.fit.effects) not in self.given_up]
 
     def useful_error(self, current: Fit) -> float:
         """The error above which a model with more than `current` is of no use: near the floor, where `current` leaves

@@ -23,7 +23,7 @@ from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
-from capture_cli.model.effects.placed import Placed
+from capture_cli.model.effects.placed import Placed, names_of
 from capture_cli.select.balance_round import BalanceRound
 from capture_cli.select.balance_scores import score_in_balance
 from capture_cli.select.candidates import Candidate, all_candidates, worth_a_refit
@@ -60,9 +60,8 @@ class SETTINGS:
     acts: float = 1e-6
     # of the error of a model that is found again: by less it is the same
     better: float = 1e-3
-    as_much: float = (
-        0.8  # of an effect's score, with the others in: what has more may be what is there in its place
-    )
+    # of an effect's score, with the others in: what has more may be what is there in its place
+    as_much: float = 0.8
 
 
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
@@ -167,7 +166,9 @@ class Attribution:
         self.models.know(declared)
         current = declared
         while True:
-            current = self._pruned(self._with_more(current))
+            current = self._without_minor(self._with_more(current))
+            current = self._keep(self._backward(current, self.accepted, Support.reason_against))
+            self._ask_again(current)
             compared = self._compare_with_rivals(current, self.accepted)
             if compared is current:
                 return self._keep(current)
@@ -183,7 +184,7 @@ class Attribution:
             known = len(self.accepted)
             if not known:
                 self.models.excess = max(current.excess, REGRESSION.tiny)
-            self._ended.setdefault(_names(current), current.error)
+            self._ended.setdefault(names_of(current.effects), current.error)
             found = chosen = self._next(current)
             if found is None:
                 break
@@ -200,23 +201,17 @@ class Attribution:
             if not self.models.is_explained(current):
                 asked = [a for a in self.accepted if a.name in earlier]
                 current = self._compare_with_rivals(current, asked)
-            self._keep(current)
-            if not self._leads_on(current):
-                self.models.given_up.add(_names(chosen))
+            self._end_round(self._keep(current), chosen)
         return current
 
-    def _pruned(self, current: Fit) -> Fit:
-        """The model less what does not hold in it; what may be in the place of the rest is asked for."""
-        current = self._without_minor(current)
-        current = self._keep(self._backward(current, self.accepted, Support.reason_against))
-        self._ask_again(current)
-        return current
-
-    def _leads_on(self, current: Fit) -> bool:
-        """Whether no round before ended with this model, or with a worse fit of it: the search would go round."""
-        names = _names(current)
-        before, self._ended[names] = self._ended.get(names, np.inf), current.error
-        return current.error < (1 - SETTINGS.better) * before
+    def _end_round(self, current: Fit, chosen: Fit) -> None:
+        """Give up the model `chosen` where it led back to one that a round ended with before, and no better fit of it:
+        the search would go round.
+        """
+        names = names_of(current.effects)
+        if current.error >= (1 - SETTINGS.better) * self._ended.get(names, np.inf):
+            self.models.given_up.add(names_of(chosen.effects))
+        self._ended[names] = current.error
 
     def _is_missing(self, current: Fit) -> bool:
         """Whether more is left than chance allows; or, of the declared model, an effect predicts blocks that no fit saw
@@ -672,7 +667,3 @@ def _is_shorter_step(placed: Placed) -> bool:
 def _are_steps(one: Placed, other: Placed) -> bool:
     """Whether both are, of two lengths: no experiment would tell them apart."""
     return one.kind == other.kind and _is_shorter_step(one)
-
-
-def _names(fit: Fit) -> frozenset[str]:
-    return frozenset(e.name for e in fit.effects)

@@ -101,14 +101,14 @@ class TransmissionEffect(JointForce):
 
     def read(self, world, field):
         if field == LOSSES:
-            return tuple(super(TransmissionEffect, self).read(world, each) for each in (DAMPING, FRICTION))
+            return super().read(world, DAMPING), super().read(world, FRICTION)
         if field == SERVO:
             return tuple(sum(self.on_motor.gains(world, k)) if self.on_motor else 0.0 for k in range(2))
         return super().read(world, field)
 
     def source_of(self, field):
         if field == LOSSES:
-            return f"({', '.join(super(TransmissionEffect, self).source_of(each) for each in (DAMPING, FRICTION))})"
+            return f"({super().source_of(DAMPING)}, {super().source_of(FRICTION)})"
         if field == SERVO:
             gains = (" + ".join(self.on_motor.gains_source(k)) if self.on_motor else "" for k in range(2))
             return f"({', '.join(gain or '0.0' for gain in gains)})"
@@ -128,9 +128,7 @@ class TransmissionEffect(JointForce):
             field = f"model.{FRICTION}"
             lines = (*own.lines, f"{field}[dof] *= 1 - {number(share)}")
             own = replace(own, lines=lines, changes=(*own.changes, field))
-        if self.on_motor is None:
-            return own
-        return self.on_motor.in_companion(replace(own, kernels=(*own.kernels, gain_on_rotor)), kept(name))
+        return own if self.on_motor is None else self.on_motor.in_companion(own, kept(name))
 
     @abstractmethod
     def looseness(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -174,8 +172,9 @@ class MotorEncoders:
     """The sensors of a joint and of its actuators that see the rotor, which is ahead of the joint by d at d'.
 
     Servos on the joint close their loops on what they see.
+
     positions, speeds: their columns of sensordata, and the actuator whose gear times d or d' each shows, {column:
-    actuator}; JOINTS_OWN where it shows just that.
+    actuator}; JOINTS_OWN where it shows just that. servos: actuators, and whether the force of each is limited.
     """
 
     def __init__(self, model: mujoco.MjModel, joint: int, sensors: Sequence[int]):
@@ -187,8 +186,8 @@ class MotorEncoders:
         self.other_speeds = set(shown(SPEEDS, _encoders(model, joint))) - set(self.speeds)
         self.at, self.dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
         affine = model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE)
-        self.servos = [int(a) for a in np.flatnonzero(affine) if driven_joint(model, int(a)) == joint]
-        self.limited = [bool(model.actuator_forcelimited[a]) for a in self.servos]
+        own = [a for a in np.flatnonzero(affine).tolist() if driven_joint(model, a) == joint]
+        self.servos = [(a, bool(model.actuator_forcelimited[a])) for a in own]
 
     @property
     def reported(self) -> frozenset[int]:
@@ -202,9 +201,9 @@ class MotorEncoders:
         return bool(self.speeds or (self.positions and not other))
 
     def on_rotor(self, order: int) -> list[tuple[int, bool]]:
-        """Servos whose feedback, 0 of position or 1 of speed, is of the rotor, and whether their force is limited."""
+        """Those of the servos whose feedback, 0 of position or 1 of speed, is of the rotor."""
         seen = self.tell_speed(None) if order else bool(self.positions)
-        return list(zip(self.servos, self.limited, strict=True)) if seen else []
+        return self.servos if seen else []
 
     def gains(self, world: World, order: int) -> Iterator[np.ndarray]:
         """Gains at the joint of the servos on the rotor, (simulation,) each."""
@@ -249,7 +248,8 @@ class MotorEncoders:
             for k, actuators in enumerate((self.positions, self.speeds))
             for column, actuator in actuators.items()
         )
-        return replace(own, lines=(*begins, *own.lines, *where), after=tuple(after))
+        kernels = (*own.kernels, *([gain_on_rotor] if self.servos else []))
+        return replace(own, kernels=kernels, lines=(*begins, *own.lines, *where), after=tuple(after))
 
 
 @lru_cache(maxsize=16)

@@ -1,5 +1,6 @@
 """An effect where it sits in a model, and what it is called there."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from capture_cli.model.effects.base import Effect
@@ -24,3 +25,8 @@ class Placed(NamedTuple):
 def placed_name(kind: str, site: str) -> str:
     """EFFECT@SITE, or EFFECT alone where it concerns the model as a whole."""
     return f"{kind}@{site}" if site else kind
+
+
+def names_of(effects: Iterable[Placed]) -> frozenset[str]:
+    """What a set of effects is known by, in any order."""
+    return frozenset(e.name for e in effects)
