@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -15,6 +14,7 @@ from capture_cli.estimate import log_balance as balance_scores
 from capture_cli.estimate.log_balance import balanced_point
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.select.balance_scores import screening_of
+from capture_cli.select.candidates import Candidate
 
 LOOP = """
 <mujoco><option timestep="0.002"/><default><geom contype="0" conaffinity="0"/></default>
@@ -92,7 +92,7 @@ def test_only_windows_that_are_fitted_take_part(made):
 
 
 def test_it_says_at_which_candidate_it_is(made):
-    told, few = [], [SimpleNamespace(placed=p) for p in made.placed[:3]]
+    told, few = [], [Candidate(p) for p in made.placed[:3]]
     screening_of(made.prepared, np.arange(4), few, 1, lambda *step: told.append(step))
     assert told == [("balance", n, 3) for n in range(3)]
 

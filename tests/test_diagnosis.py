@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from diagnosing import look_among
 from held_inputs import held_machine
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from machines import NAMES, placed
 from scipy.signal import butter, lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import ttest_1samp
@@ -37,11 +37,12 @@ from capture_cli.estimate.split import UNEQUAL, Divided, NewSplit
 from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.white_noise import from_differences, noise_and_spacing, trimmed_sd
+from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks import load_task
 from capture_cli.report.diagnosis_findings import summary
 from capture_cli.select.candidates import SETTINGS as CANDIDATES
-from capture_cli.select.candidates import all_candidates, worth_a_refit
+from capture_cli.select.candidates import Candidate, all_candidates, worth_a_refit
 from capture_cli.select.criterion import bic_gain, paired_p_value, ratio_p_value
 from capture_cli.select.explain import Settings
 from capture_cli.select.explanation import verdict as judged_as
@@ -51,7 +52,8 @@ from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import slight
 from capture_cli.select.residual_curves import SETTINGS as RESIDUAL_CURVES
 from capture_cli.select.residual_curves import accelerations, curve, largest_around, residual_curves
-from capture_cli.select.score import score
+from capture_cli.select.score import Score, score
+from capture_cli.select.search import Accepted
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose, diagnose_prepared
 from capture_cli.stages.identify import identify
@@ -248,38 +250,40 @@ def left_by(errors: list[float]) -> Fit:
 def test_candidates_that_say_the_same_leave_room_for_others():
     """Six copies of the best, then others that differ: three of the copies are fitted, and the best of the others."""
     directions = np.eye(8)
-    responses = [directions[0]] * 6 + list(directions[1:])
-    ranked = [_scored(k, response) for k, response in enumerate(responses)]
+    ranked = _scored(_of_size(1)[:13], [directions[0]] * 6 + list(directions[1:]))
     refitted, others = worth_a_refit(ranked)
-    assert [c.number for c in refitted] == [0, 1, 2, 6, 7, 8, 9]
-    assert [c.number for c in others] == [3, 4, 5, 10, 11, 12]
+    assert refitted == [ranked[k] for k in (0, 1, 2, 6, 7, 8, 9)]
+    assert others == [ranked[k] for k in (3, 4, 5, 10, 11, 12)]
     refitted, _ = worth_a_refit([*ranked[:3], *[ranked[6]] * 3, *[ranked[7]] * 3])
     assert len(refitted) == CANDIDATES.refitted
 
 
 def test_variants_of_one_site_leave_room_for_other_effects():
-    directions = np.eye(12)
-    ranked = [_scored(k, directions[k], variant_of="hinge") for k in range(6)]
-    ranked += [_scored(k, directions[k], variant_of=str(k)) for k in range(6, 12)]
+    """A spring of which the sensors of position and velocity, one, both or neither, are on the motor's side."""
+    variants = [Placed("compliance", effect) for m, effect in placed("compliance") if m == "slider"]
+    assert len(variants) == 4
+    ranked = _scored([*variants, *_of_size(1)[:6]], np.eye(10))
     refitted, _ = worth_a_refit(ranked)
-    assert [c.number for c in refitted] == [0, 1, 2, 6, 7, 8, 9]
+    assert refitted == [ranked[k] for k in (0, 1, 2, 4, 5, 6, 7)]
 
 
 def test_the_simplest_of_those_that_say_the_same_is_fitted_too():
-    ranked = [_scored(k, np.ones(2), size=size) for k, size in enumerate((3, 4, 3, 1))]
+    ranked = _scored([_of_size(size)[k] for k, size in enumerate((3, 4, 3, 1))], np.ones((4, 2)))
     refitted, _ = worth_a_refit(ranked)
-    assert [c.number for c in refitted] == [0, 1, 3]
+    assert refitted == [ranked[k] for k in (0, 1, 3)]
 
 
-def _scored(
-    number: int, response: np.ndarray, variant_of: str | None = None, size: int = 1
-) -> SimpleNamespace:
-    site = SimpleNamespace(
-        variant_of=str(number) if variant_of is None else variant_of, parameters=[0] * size
-    )
-    return SimpleNamespace(
-        number=number, placed=("compliance", site), score=SimpleNamespace(response=response)
-    )
+def _of_size(parameters: int) -> list[Placed]:
+    """Effects of the slider that have so many."""
+    every = [Placed(name, effect) for name in NAMES for m, effect in placed(name) if m == "slider"]
+    return [p for p in every if len(p.effect.parameters) == parameters]
+
+
+def _scored(effects: Sequence[Placed], responses: Sequence[np.ndarray]) -> list[Candidate]:
+    """Candidates with these responses, (row,) each."""
+    none = np.zeros(0)
+    pairs = zip(effects, responses, strict=True)
+    return [Candidate(p, Score(1.0, none, none, 1.0, response)) for p, response in pairs]
 
 
 def test_intervals_reach_to_minima_that_are_nearly_as_good():
@@ -588,10 +592,7 @@ def test_an_effect_is_found_added_and_its_error_reported_before_and_after(logs, 
 def test_a_refit_begins_with_the_starts_that_were_found():
     number = np.array([FIT, TEST, SELECT, FIT, SELECT])
     folds = Folds(number == FIT, ((number == FIT, number == SELECT),), number == FIT)
-    fitted, judged = (
-        SimpleNamespace(corrections=np.array([[1.0], [4]])),
-        SimpleNamespace(corrections=np.array([[3.0], [5]])),
-    )
+    fitted, judged = np.array([[1.0], [4]]), np.array([[3.0], [5]])
     assert initial_states_found(folds, fitted, judged).ravel().tolist() == [1, 0, 3, 4, 5]
     assert initial_states_found(folds, fitted, None).ravel().tolist() == [1, 0, 0, 4, 0]
 
@@ -791,8 +792,8 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
     residuals = [np.full((4, 50), error) for error in (without, with_it)]
     before = PartFit(data, np.zeros((4, 2)), residuals[0], np.zeros(4))
     after = HeldOut(lack_held_out(data, residuals[1]))
-    accepted = [SimpleNamespace(tied_with=[])]
-    assert judged_as(*lacking, before, after, accepted) == verdict
+    accepted = Accepted(Placed("a", None), None, [], None, share=1.0)
+    assert judged_as(*lacking, before, after, [accepted]) == verdict
 
 
 def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, monkeypatch):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -187,5 +186,4 @@ def test_the_output_leaves_its_fitted_range_where_the_error_is(held, errors, rea
 
 def _beyond_of(measured, residual, is_test):
     sampled = np.isfinite(measured)
-    windows = SimpleNamespace(measured=np.where(sampled, measured, 0.0), sampled=sampled)
-    return beyond_fitted(SimpleNamespace(windows=windows), SimpleNamespace(residual=residual), is_test)
+    return beyond_fitted(np.where(sampled, measured, 0.0), sampled, residual, is_test)

@@ -7,7 +7,6 @@ import re
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -561,8 +560,7 @@ def test_recordings_that_disagree(plant, identify):
 def test_recordings_disagree_by_what_matters(values, low, said):
     space = ParameterSpace([Parameter("friction", "N m", low, 1.0, 0.5)])
     sd = np.full((2, 1), 1e-6)
-    joint = SimpleNamespace(identifiable=np.array([True]))
-    found = agreement(["a", "b"], np.array(values)[:, None], sd, 1e4, space, joint)
+    found = agreement(["a", "b"], np.array(values)[:, None], sd, 1e4, space, np.array([True]))
     assert found.p_values[0] < 1e-9
     assert found.agree is (said is None)
     assert said is None or re.search(said, found.text)

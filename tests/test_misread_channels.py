@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -116,11 +115,11 @@ def test_an_attitude_is_read_as_it_is(tmp_path):
         '[outputs.turn]\ncolumn = ["a", "b", "c", "d"]\nunit = "1"\n'
         '[outputs.w]\ncolumn = ["x", "y", "z"]\nunit = "rad/s"\n'
     )
-    prepared = SimpleNamespace(task=load_task(str(tmp_path / "task.toml")))
-    groups = list(_groups(prepared))
+    task = load_task(str(tmp_path / "task.toml"))
+    groups = list(_groups(task))
     assert [names for _, names in groups] == [("w_x",), ("w_y",), ("w_z",), ("w_x", "w_y", "w_z")]
     left = np.array([9.0, 9.0, 9.0, 9.0, 0.1, 0.3, np.nan])
-    exchanged = [way.channels for way in _exchanges(prepared, left)]
+    exchanged = [way.channels for way in _exchanges(task, left)]
     assert exchanged == [("w_x", "w_y"), ("w_y", "w_z"), ("w_x", "w_z")]
 
 
@@ -158,8 +157,7 @@ def test_a_column_of_another_scale_is_read_as_its_channel_says():
     other = Channel("other", "rad", "b", 1, scale=-1.0)
     (way,) = _exchanged("outputs", [{"": one}, {"": other}], {})
     columns = np.array([[5.0, 7.0], [6.0, 8.0]])  # a, b
-    log = SimpleNamespace(outputs=columns * [0.1, -1.0] + [2.0, 0.0])
-    read = _values(SimpleNamespace(task=SimpleNamespace(outputs=(one, other)), log=log), way)
+    read = _values((one, other), columns * [0.1, -1.0] + [2.0, 0.0], way)
     assert read == pytest.approx(columns[:, ::-1] * [0.1, -1.0] + [2.0, 0.0])
 
 
@@ -219,8 +217,8 @@ def test_an_attitude_whose_w_is_last_is_named_before_anything_else(tmp_path):
 
 
 def test_the_order_that_names_say_is_tried(tmp_path):
-    prepared = SimpleNamespace(task=load_task(str(write_boat(tmp_path, "qz qy qx qw"))))
-    columns = [way.columns for way in _orders(prepared)]
+    task = load_task(str(write_boat(tmp_path, "qz qy qx qw")))
+    columns = [way.columns for way in _orders(task)]
     assert columns == [("qw", "qx", "qy", "qz"), ("qw", "qz", "qy", "qx")]
 
 

@@ -4,9 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.estimate.part_fit import PartFit
-from capture_cli.estimate.prepared_log import PreparedLog
-
 
 @dataclass(frozen=True)
 class Beyond:
@@ -22,16 +19,18 @@ class Beyond:
     share: float
 
 
-def beyond_fitted(prepared: PreparedLog, on: PartFit, is_test: np.ndarray) -> Beyond | None:
+def beyond_fitted(
+    measured: np.ndarray, sampled: np.ndarray, residual: np.ndarray, is_test: np.ndarray
+) -> Beyond | None:
     """How the windows `is_test` (window,) differ from the others, where that goes with their error.
 
-    on: the whole log at what was fitted. Of the outputs that leave their fitted range where most of the error is, the
-    one that leaves it by the most of that range; None where none does.
+    measured, sampled (window, step, output): of the whole log. residual (window, row): at what was fitted. Of the
+    outputs that leave their fitted range where most of the error is, the one that leaves it by the most of that range;
+    None where none does.
     """
-    windows = prepared.windows
-    low, high = _ranges(windows.measured, windows.sampled)
+    low, high = _ranges(measured, sampled)
     fitted = low[~is_test].min(axis=0), high[~is_test].max(axis=0)
-    squares = np.square(on.residual[is_test]).sum(axis=1)
+    squares = np.square(residual[is_test]).sum(axis=1)
     found = [
         b for k in range(len(fitted[0])) if (b := _beyond(k, fitted, low[is_test], high[is_test], squares))
     ]

@@ -58,8 +58,10 @@ def held_out(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_
     if not lack.lacking or lack_of_fit(fit.at).lacking:
         return HeldOut(lack)
     whole = _whole(fits, fit, covariance, on, is_test) if len(fit.space) else None
-    beyond = beyond_fitted(fits.prepared, on, is_test) if whole is None else None
-    return HeldOut(lack, whole, beyond)
+    if whole is not None:
+        return HeldOut(lack, whole)
+    windows = fits.prepared.windows
+    return HeldOut(lack, None, beyond_fitted(windows.measured, windows.sampled, on.residual, is_test))
 
 
 def _whole(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_test: np.ndarray) -> Fit | None:

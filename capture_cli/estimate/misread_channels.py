@@ -15,7 +15,7 @@ from capture_cli.estimate.prepared_log import PreparedLog, attitudes
 from capture_cli.estimate.split import NewSplit
 from capture_cli.model.quaternion_order import SETTINGS as QUATERNION_ORDER
 from capture_cli.model.quaternion_order import order_in_names
-from capture_cli.model.tasks.base import Channel
+from capture_cli.model.tasks.base import Channel, Task
 
 FACTORS = {  # by which a channel may have to be multiplied
     -1.0: "times -1",
@@ -97,9 +97,9 @@ def misread_channels(
     looks = _Looks(prepared, window, threads)
     shares = looks.shares(prepared, *SETTINGS.look)
     before = _total(shares)
-    orders = list(_orders(prepared))
-    others = [Reading(*group, factor) for group in _groups(prepared) for factor in FACTORS]
-    others += _exchanges(prepared, shares)
+    orders = list(_orders(prepared.task))
+    others = [Reading(*group, factor) for group in _groups(prepared.task) for factor in FACTORS]
+    others += _exchanges(prepared.task, shares)
     total = len(orders) + len(others) + _of_best(others)
     # an attitude that is turned about leaves nothing to see of the others
     for first, ways in ((0, orders), (len(orders), others)):
@@ -151,7 +151,8 @@ class _Looks:
         Differences are as long as of the log as it was read: to see how long they have to be costs more than the fit.
         """
         prepared = self.prepared
-        log = replace(prepared.log, **{way.kind: _values(prepared, way)})
+        read = _values(getattr(prepared.task, way.kind), getattr(prepared.log, way.kind), way)
+        log = replace(prepared.log, **{way.kind: read})
         excerpt = Excerpt(self._few(windows), prepared.difference_step)
         how = {"window": self.window, "split": NewSplit("none"), "threads": self.threads}
         try:
@@ -183,9 +184,9 @@ def _of_best(ways: Sequence[Reading]) -> int:
     return max(SETTINGS.looked_at, round(SETTINGS.best * len(ways)))
 
 
-def _values(prepared: PreparedLog, way: Reading) -> np.ndarray:
+def _values(channels: Sequence[Channel], values: np.ndarray, way: Reading) -> np.ndarray:
     """The log's inputs or outputs (step, channel), whichever are read anew, as they are then."""
-    channels, values = getattr(prepared.task, way.kind), getattr(prepared.log, way.kind).copy()
+    values = values.copy()
     number = {c.name: k for k, c in enumerate(channels)}
     own = [number[name] for name in way.channels]
     if way.columns is None:
@@ -199,12 +200,11 @@ def _values(prepared: PreparedLog, way: Reading) -> np.ndarray:
     return values
 
 
-def _groups(prepared: PreparedLog) -> Iterator[tuple[str, tuple[str, ...]]]:
+def _groups(task: Task) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Each channel, and those of one kind and unit together: who forgets a factor forgets it of all joints.
 
     Not those of attitudes, whose four numbers have no scale.
     """
-    task = prepared.task
     turned = {k for attitude in attitudes(task) for k in attitude.tolist()}
     outputs = [c for k, c in enumerate(task.outputs) if k not in turned]
     for kind, channels in (("inputs", task.inputs), ("outputs", outputs)):
@@ -215,13 +215,12 @@ def _groups(prepared: PreparedLog) -> Iterator[tuple[str, tuple[str, ...]]]:
         yield from ((kind, tuple(names)) for names in by_unit.values() if len(names) > 1)
 
 
-def _exchanges(prepared: PreparedLog, shares: np.ndarray) -> Iterator[Reading]:
+def _exchanges(task: Task, shares: np.ndarray) -> Iterator[Reading]:
     """Two channels of one unit, and all that two joints or sites report, with each other's columns: a message of joint
     states often has another order than the model.
 
     shares (output,): what a fit leaves of the log as it was read.
     """
-    task = prepared.task
     turned = {k for attitude in attitudes(task) for k in attitude.tolist()}
     error = dict(zip((c.name for c in task.outputs), np.nan_to_num(shares, posinf=0.0), strict=True))
     yield from _exchanged("inputs", [{"": c} for c in task.inputs], {})
@@ -255,11 +254,10 @@ def _exchanged(
             yield Reading(kind, names, columns=columns[half:] + columns[:half])
 
 
-def _orders(prepared: PreparedLog) -> Iterator[Reading]:
+def _orders(task: Task) -> Iterator[Reading]:
     """Attitudes whose columns are in another order: the one that their names say, and w last."""
-    outputs = prepared.task.outputs
-    for own in attitudes(prepared.task):
-        channels = [outputs[k] for k in own]
+    for own in attitudes(task):
+        channels = [task.outputs[k] for k in own]
         columns = [c.column for c in channels]
         if len(set(columns)) < len(columns):
             continue

@@ -381,12 +381,13 @@ class _Protocol:
 
     def _refitted(self, fit: Fit, judged: PartFit | None) -> Fit | None:
         """`fit` on all that is not test, from where it ended."""
+        known = initial_states_found(self.parts.folds, fit.corrections, judged and judged.corrections)
         return self.fits.fit(
             self.parts.windows(FIT, SELECT),
             fit.effects,
             fit.point,
             near=fit,
-            corrections=initial_states_found(self.parts.folds, fit, judged)[self.parts.number != TEST],
+            corrections=known[self.parts.number != TEST],
             effort=Effort(tolerance=FIT_SETTINGS.exact),
         )
 

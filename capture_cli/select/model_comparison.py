@@ -115,7 +115,7 @@ class ModelComparison:
             fit.effects,
             fit.point,
             near=fit,
-            corrections=initial_states_found(self.folds, fit, on)[seen],
+            corrections=initial_states_found(self.folds, fit.corrections, on.corrections)[seen],
             effort=Effort(seed=self.seed),
         )
         if both is None or lack_of_fit(both.at).lacking:
@@ -463,13 +463,15 @@ class ModelComparison:
         return TIED
 
 
-def initial_states_found(folds: Folds, fit: Fit, judged: PartFit | None) -> np.ndarray:
-    """Corrections (window, state) of the initial states where a refit begins: those that are known, else none."""
-    corrections = np.zeros((len(folds.fit), fit.corrections.shape[1]))
-    corrections[folds.fit] = fit.corrections
+def initial_states_found(folds: Folds, fitted: np.ndarray, judged: np.ndarray | None) -> np.ndarray:
+    """Corrections (window, state) of the initial states where a refit begins: those that were `fitted`, and those found
+    where the fit was `judged`, (window, state) both; none of other windows.
+    """
+    corrections = np.zeros((len(folds.fit), fitted.shape[1]))
+    corrections[folds.fit] = fitted
     if judged is not None and len(folds.folds) == 1:
         [(_, judging)] = folds.folds
-        corrections[judging] = judged.corrections
+        corrections[judging] = judged
     return corrections
 
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.quantities import significant
-from capture_cli.estimate.solve.intervals import Intervals
 from capture_cli.model.parameters import Parameter, ParameterSpace
 
 
@@ -39,9 +38,10 @@ def agreement(
     sd: np.ndarray,
     gain: float,
     space: ParameterSpace,
-    joint: Intervals,
+    identifiable: np.ndarray,
 ) -> Agreement:
-    """Of estimates of each recording alone, values and sd (recording, parameter); joint: of all together.
+    """Of estimates of each recording alone, values and sd (recording, parameter). identifiable (parameter,): by all
+    together.
 
     By Cochran's Q per parameter, over those that the log determines, where recordings differ by what matters. gain: of
     the objective, by fits to each alone. Where that is no more than chance they agree, whatever Q says: friction that
@@ -54,7 +54,7 @@ def agreement(
     # Of the value: of recordings that are as quiet as a simulation chance allows less than any use of a model
     # notices, and less than its time step and the shape of its laws are good for.
     matters = 0.01
-    differ = joint.identifiable & (np.array([share for share, _ in spreads]) > matters)
+    differ = identifiable & (np.array([share for share, _ in spreads]) > matters)
     telling = np.where(differ, p_values, 1.0)
     by_chance = float(chdtrc((len(values) - 1) * len(space), max(gain, 0.0)))
     disagree_p = 0.01  # of all parameters together, Bonferroni

@@ -140,7 +140,7 @@ class Report:
         if len(alone) < 2:
             return None
         values, sds = np.array([f.point for f in fits]), np.array([intervals(f.at).sd for f in fits])
-        found = agreement(alone, values, sds, sum(gains), self.space, joint)
+        found = agreement(alone, values, sds, sum(gains), self.space, joint.identifiable)
         left_out = [names[n] for n in fitted if names[n] not in alone]
         if left_out:
             found = replace(found, text=f"{found.text}; nothing is known of {', '.join(left_out)} alone")
