@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 from held_inputs import MACHINES, held_machine
 
+from capture_cli.estimate.balance.recorded_world import RecordedWorld
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.model.effects._scales import characteristic_speed
 from capture_cli.model.tasks import load_task
@@ -128,7 +129,8 @@ def test_the_sign_of_a_velocity_reads_as_it_is_simulated():
     task = load_task(str(CART_POLE))
     u = task.inputs[0].name
     terms = [e for _, e in expression_terms(task.model, [c.index for c in task.inputs])]
-    world = SimpleNamespace(qpos=[-0.3, 0.4], qvel=[0.01, -0.02], ctrl=[-2.0])
+    world = mujoco.MjData(task.model)
+    world.qpos, world.qvel, world.ctrl = [-0.3, 0.4], [0.01, -0.02], [-2.0]
     for joint, (q, v) in enumerate(zip(world.qpos, world.qvel, strict=True)):
         signs = [t.term for t in terms if t.joint == joint and "tanh" in t.term.text]
         width = re.search(r"tanh\(v/([\d.e+-]+)\)", signs[0].text)
@@ -155,10 +157,11 @@ class InOnePiece(np.ndarray):
 def test_terms_do_not_depend_on_where_the_memory_lies():
     """numpy's powers and sines of a strided array have another last digit where the result lies at its end."""
     task = load_task(str(CART_POLE))
-    world = SimpleNamespace(time=0.5)
-    for field in ("qpos", "qvel", "ctrl"):
-        setattr(world, field, np.ones((3, task.model.nv)).view(InOnePiece))
+    recorded = {name: np.ones((1, task.model.nv)).view(InOnePiece) for name in ("qpos", "qvel", "ctrl")}
+    recorded["time"] = np.full(1, 0.5)
+    world = RecordedWorld(task.model, recorded.get, np.zeros((3, 1), dtype=int))
     with pytest.raises(AssertionError):
         np.sin(world.qpos[:, 0])
     for placed in expression_terms(task.model, range(task.model.nu)):
-        assert np.isfinite(placed.effect._value(world)).all()
+        placed.effect.force(np.ones((3, 1)), task.timestep)(world)
+    assert np.isfinite(world.qfrc_applied).all()

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from capture_cli.store.evaluation import Evaluation
 from docs import measured_identifiers
 from docs.measured_identifiers import Measured
 
@@ -168,8 +168,8 @@ def test_what_intervals_claim_stands_beside_what_estimates_are_off_by(monkeypatc
     estimates[0, 0, :, 1] = [[-0.04, 0.9], [0.0, 1.0], [0.04, 1.1]]
     arrays = {"estimates": estimates, "target": target, "sd": np.full_like(estimates, 0.01)}
     attributes = {"parameters": [{"low": 0.0, "high": 2.0}, {"low": -5.0, "high": 5.0}]}
-    found = SimpleNamespace(document={"rounds": 1}, attributes=attributes, arrays=arrays)
-    monkeypatch.setattr(measured_identifiers, "Evaluation", SimpleNamespace(read=lambda folder: found))
+    found = Evaluation({"rounds": 1}, arrays, attributes)
+    monkeypatch.setattr(Evaluation, "read", lambda folder: found)
     said = measured_identifiers._loop_errors()
     assert "claim standard deviations of 0.1 to 0.5 % of the ranges" in said
     assert "by 1 to 2 % among tables" in said and said.endswith("over all tables is 0 to 10 %.")

@@ -6,14 +6,15 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.initial_states.from_outputs import model_initial_states
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.solve.base import Best
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.base import JointMotion, SeenLog
 from capture_cli.model.effects.placed import Placed
@@ -58,20 +59,20 @@ def shown_in(fits: ModelFits) -> ExcitationRange:
     )
 
 
-def with_effect(fits: ModelFits, name: str, value: float):
+def with_effect(fits: ModelFits, name: str, value: float) -> Fit:
     """The nominal model with an effect of one parameter at its joint."""
     effect = REGISTRY.get(name)(fits.prepared.task.model, "x")
-    return SimpleNamespace(
-        effects=(Placed(name, effect),), point=np.append(fits.prepared.task.space.nominal, value)
-    )
+    point, prepared = np.append(fits.prepared.task.space.nominal, value), fits.prepared
+    return fits.at(prepared, [Placed(name, effect)], Best(point, np.zeros_like(prepared.initial.sd), 0.0))
 
 
 def test_an_experiment_that_tells_two_effects_apart_is_found_and_what_it_took_is_counted(fits):
     mine, other = (with_effect(fits, *e) for e in (("coulomb-friction", 1.0), ("cubic-stiffness", 50.0)))
+    before = fits.rollouts
     found = next_experiment(fits, mine, [other], seed=0, shown=shown_in(fits))
     assert found["separation"] > 3
     assert found["text"].startswith("to tell it from cubic-stiffness@x: drive from rest")
-    assert fits.rollouts == 2 * len(NEXT_EXPERIMENT.bands) * len(NEXT_EXPERIMENT.shares)
+    assert fits.rollouts - before == 2 * len(NEXT_EXPERIMENT.bands) * len(NEXT_EXPERIMENT.shares)
 
 
 def test_an_experiment_that_takes_the_machine_near_its_log_is_taken_before_one_that_tells_more(fits):

@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +14,9 @@ from warm_capture import warm_capture
 
 from capture_cli.cli import main
 from capture_cli.errors import LogError, OptionError, OutputError, StoreError
+from capture_cli.log.arrays import Log, slices_until
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.windows import cut
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
@@ -273,18 +274,16 @@ def test_actions_are_read_from_their_columns(scooping, tmp_path):
 )
 def test_what_was_held_out_stays_so_as_episodes_come(first, held, then, all_held, how):
     """Windows of 100 samples, eight to an episode."""
-    first, episode = np.array(first), np.repeat(np.arange(then), 8)
+    first = np.array(first)
     arrays = {
         "window/first": 100 * np.arange(len(first)),
         "window/is_test": np.isin(np.arange(len(first)), held),
     }
-    record = SimpleNamespace(rollouts={"measured": int(first[-1]) + 1}, split={"how": ""})
-    estimate = SimpleNamespace(arrays=arrays, record=record)
-    earlier = EarlierEstimate(Path("e"), estimate, {"options": {"test": None}})
-    windows = SimpleNamespace(
-        episode=episode, first=100 * np.arange(len(episode)), samples=np.full(len(episode), 100)
-    )
-    split = earlier.split(windows, None)
+    document = {"rollouts": {"measured": int(first[-1]) + 1}, "split": {"how": ""}}
+    earlier = EarlierEstimate(Path("e"), Estimate(document, arrays, {}), {"options": {"test": None}})
+    time = np.arange(800 * then) / 128
+    log = Log(time, np.zeros((len(time), 1)), slices_until(800 * np.arange(1, then + 1)))
+    split = earlier.split(cut(log, 100 / 128, 1 / 128, []), None)
     assert np.flatnonzero(split.is_test).tolist() == list(all_held)
     assert split.how == how
 
