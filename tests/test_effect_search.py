@@ -3,119 +3,158 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
-from types import SimpleNamespace
+from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import pytest
+from balances import Made
 from held_inputs import held_machine
 from machines import machine
 
 from capture_cli.estimate.balance.screening import BalancedModel
+from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.part_fit import PartFit
-from capture_cli.estimate.solve.linearization import Data
+from capture_cli.estimate.solve.linearization import Data, Linearization
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.finer_time_step import FinerTimeStep
 from capture_cli.model.effects.placed import Placed
-from capture_cli.model.parameters import Parameter, ParameterSpace
-from capture_cli.select import balance_round, model_comparison
-from capture_cli.select import search as attribution
-from capture_cli.select.balance_round import BalanceRound, _ends
+from capture_cli.select import balance_round, search
+from capture_cli.select.balance_round import _ended, _ends
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.forward_round import _settles
+from capture_cli.select.log_parts import Folds
 from capture_cli.select.model_comparison import BETTER, NOT_WORTH_IT, TIED, WORSE, ModelComparison
 from capture_cli.select.score import Score
 from capture_cli.select.search import Accepted, Attribution
+from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
 
+SAMPLES = 8868
+# of the slider, by their place and how many parameters they have
+EFFECTS = {
+    ("force", 0): "finer-time-step@half",
+    ("force", 1): "constant-force@x",
+    ("force", 2): "hysteretic-friction@x",
+    ("model", 1): "coulomb-friction@x",
+    ("model", 2): "preloaded-spring@x",
+}
+
+
+@cache
+def slider() -> Made:
+    """A short log of the slider."""
+    return Made.of("slider", episodes=1)
+
+
+def of_slider(name: str) -> Placed:
+    return next(p for p in slider().placed if p.name == name)
+
+
+@pytest.fixture
+def folds() -> Folds:
+    """All is fitted, and nothing judges."""
+    every = np.ones(len(slider().prepared.windows), dtype=bool)
+    return Folds(every, (), every)
+
+
+@pytest.fixture
+def models(folds) -> ModelComparison:
+    return ModelComparison(ModelFits(slider().prepared, 1), folds, seed=0)
+
+
+@pytest.fixture
+def attribution(folds):
+    """attribution(effects): a search among these."""
+
+    def made(effects: Sequence[Placed]) -> Attribution:
+        candidates = [Candidate(p) for p in effects]
+        return Attribution(ModelFits(slider().prepared, 1), folds, seed=0, candidates=candidates)
+
+    return made
+
+
+def fit_leaving(squares: float, *effects: Placed, samples: int = SAMPLES) -> Fit:
+    """A fit of the slider with `effects` that leaves so much, in independent samples."""
+    space = Simulator(slider().prepared.task, effects, threads=1).space
+    shape, none = (1, samples, 1), np.zeros((1, samples, 0))
+    data = Data(space, np.zeros(shape), np.ones(shape, dtype=bool), np.ones(1), np.zeros((1, 0)))
+    x = np.full(len(space), 0.5)
+    # each of another sign than the one before: there is no correlation
+    residual = np.sqrt(squares / samples) * (-1.0) ** np.arange(samples)[None]
+    slopes = np.random.default_rng(0).standard_normal((1, samples, len(space)))
+    at = Linearization(data, x, np.zeros((1, 0)), residual, slopes, none)
+    return Fit(effects, space, space.from_unit(x), at)
+
+
+def part_leaving(residual: np.ndarray) -> PartFit:
+    """What judges, where a model leaves this residual (window, step)."""
+    space, shape, windows = slider().prepared.task.space, (*residual.shape, 1), len(residual)
+    data = Data(space, np.zeros(shape), np.ones(shape, dtype=bool), np.ones(1), np.zeros((windows, 2)))
+    return PartFit(data, np.zeros((windows, 2)), residual, np.zeros(windows))
+
 
 def judged_by_blocks(
-    parameters: int, squares: float, blocks: np.ndarray, place: str = "force"
-) -> SimpleNamespace:
+    parameters: int, squares: float, blocks: np.ndarray, place: str = "force", samples: int = SAMPLES
+) -> Candidate:
     """A candidate that leaves `squares` where it was fitted, and `blocks` (block,) where it is judged."""
-    return SimpleNamespace(
-        name=f"with-{parameters}",
-        placed=SimpleNamespace(effect=SimpleNamespace(parameters=range(parameters), place=place)),
-        score=SimpleNamespace(response=np.eye(3)[parameters]),
-        fit=SimpleNamespace(
-            penalised_squares=squares,
-            point=np.zeros(parameters),
-            at=SimpleNamespace(taken_by_hidden=np.zeros(4)),
-        ),
-        select=SimpleNamespace(
-            correlation_steps=1.0,
-            measured_steps=len(blocks),
-            blocks=lambda length: blocks,
-            penalised_squares=blocks,
-        ),
-    )
+    placed = of_slider(EFFECTS[place, parameters])
+    # a window for each block, of two steps
+    residual = np.sqrt(blocks / 2)[:, None] * [1.0, -1.0]
+    fit = fit_leaving(squares, placed, samples=samples)
+    return Candidate(placed, score_with(np.eye(3)[parameters]), fit=fit, select=part_leaving(residual))
 
 
-def judged_by_residual(residual: np.ndarray) -> SimpleNamespace:
+def score_with(response: np.ndarray, gain: float = 100.0) -> Score:
+    none = np.zeros(0)
+    return Score(gain, none, none, 1.0, response)
+
+
+def judged_by_residual(residual: np.ndarray) -> Candidate:
     """A candidate without parameters that leaves this residual (window, step) where it is judged."""
-    space = ParameterSpace([Parameter("mass", "kg", 0.0, 1.0, 0.5)])
-    shape = (*residual.shape, 1)
-    data = Data(space, np.zeros(shape), np.ones(shape, dtype=bool), np.ones(1), np.zeros((len(residual), 2)))
-    corrections = np.zeros((len(residual), 2))
-    return SimpleNamespace(
-        select=PartFit(data, corrections, residual, np.zeros(len(residual))),
-        placed=SimpleNamespace(effect=SimpleNamespace(parameters=())),
-        score=None,
-        fit=None,
-    )
+    placed = of_slider(EFFECTS["force", 0])
+    return Candidate(placed, fit=fit_leaving(1.0, placed, samples=1400), select=part_leaving(residual))
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_what_is_better_everywhere_is_behind_nothing(monkeypatch, seed):
+def test_what_is_better_everywhere_is_behind_nothing(models, seed):
     """By 5 % of the sd: of blocks of two samples the mean logarithm is 0.2 below that of three, which is 10 %."""
-    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: 1400.0)
     noise = np.random.default_rng(seed).standard_normal((12, 125))
     worse = judged_by_residual(noise)
     better = judged_by_residual(0.95 * (noise + 0.02 * np.roll(noise, 1, axis=1)))
-    models = ModelComparison.__new__(ModelComparison)
-    models.seed = 0
     assert models._behind(better, worse) > 100 and models._behind(worse, better) < -100
     assert not models._indistinct(better, worse) and not models._indistinct(worse, better)
     assert np.argmin(models.losses([worse, better])) == 1
 
 
 @pytest.mark.parametrize(("less", "said"), [(2e-4, TIED), (2e-2, WORSE)])
-def test_a_difference_that_is_steady_and_next_to_nothing_makes_no_winner(monkeypatch, less, said):
+def test_a_difference_that_is_steady_and_next_to_nothing_makes_no_winner(models, less, said):
     """Of an inertia on a joint and a centre of mass that is farther out, with one parameter more, both open masses."""
-    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: 8868.0)
     blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
     mine, other = judged_by_blocks(2, 8140.2, (1 - less) * blocks), judged_by_blocks(1, 8140.2, blocks)
-    models = ModelComparison.__new__(ModelComparison)
-    models.seed = 0
     assert models.compare(mine, other) == said
     assert models.as_good(mine, other) is (said == TIED)
 
 
 @pytest.mark.parametrize(("judged", "said"), [(-17.0, TIED), (-60.0, BETTER), (17.0, WORSE)])
-def test_windows_that_contradict_each_other_make_no_winner(monkeypatch, judged, said):
+def test_windows_that_contradict_each_other_make_no_winner(models, judged, said):
     """A bias of a set point and one of a sensor: the fitted windows are for one by 17 of twice the log likelihood."""
-    samples = 8868.0
-    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: samples)
     blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
     mine = judged_by_blocks(1, 8140.0, blocks)
-    other = judged_by_blocks(1, 8140.0 * np.exp(17 / samples), blocks * np.exp(judged / samples))
-    other.score = SimpleNamespace(response=np.eye(3)[0])
-    models = ModelComparison.__new__(ModelComparison)
-    models.seed = 0
+    other = judged_by_blocks(1, 8140.0 * np.exp(17 / SAMPLES), blocks * np.exp(judged / SAMPLES))
+    other.score = score_with(np.eye(3)[0])
     assert models.compare(mine, other) == said
 
 
 @pytest.mark.parametrize(("less", "as_good"), [(6e-4, True), (5e-3, False)])
-def test_parameters_that_gain_nothing_are_not_taken_for_a_steady_trifle(monkeypatch, less, as_good):
+def test_parameters_that_gain_nothing_are_not_taken_for_a_steady_trifle(models, less, as_good):
     """A spring on one side, as stiff on the other, beside a spring: steadily better by 5 of twice the log likelihood,
     for 2 parameters that 8868 samples would have to gain 18 by.
     """
-    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: 8868.0)
     blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
     one_sided, spring = judged_by_blocks(2, 8140.0, (1 - less) * blocks), judged_by_blocks(0, 8140.2, blocks)
-    models = ModelComparison.__new__(ModelComparison)
-    models.seed = 0
     assert models.as_good(one_sided, spring) is as_good
 
 
@@ -130,120 +169,81 @@ def test_parameters_that_gain_nothing_are_not_taken_for_a_steady_trifle(monkeypa
         (("force", 1), ("force", 1), -0.5, False),
     ],
 )
-def test_of_two_that_do_as_well_the_one_that_mujoco_has_comes_first(
-    monkeypatch, mine, other, behind, is_first
-):
+def test_of_two_that_do_as_well_the_one_that_mujoco_has_comes_first(models, mine, other, behind, is_first):
     """A drag in one direction, of a ball that only falls, and the drag that MuJoCo has; behind: of BIC."""
-    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: 1000.0)
     blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
     found, rival = (
-        judged_by_blocks(parameters, 1000.0 * np.exp(less / 1000.0), blocks, place)
+        judged_by_blocks(parameters, 1000.0 * np.exp(less / 1000.0), blocks, place, samples=1000)
         for (place, parameters), less in ((mine, 0.0), (other, behind))
     )
-    models = ModelComparison.__new__(ModelComparison)
-    models.seed = 0
     best, others = models.best(found, [rival])
     assert best is (rival if is_first else found)
     assert others == [found if is_first else rival]
 
 
 @pytest.mark.parametrize(("judged", "said"), [(-9.0, TIED), (-1.0, NOT_WORTH_IT), (9.0, NOT_WORTH_IT)])
-def test_more_parameters_that_predict_better_are_tied(monkeypatch, judged, said):
+def test_more_parameters_that_predict_better_are_tied(models, judged, said):
     """A filter of second order beside a delay: the fit gains less than a parameter costs, what no fit saw gains 9."""
-    samples = 8868.0
-    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: samples)
     blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
     noise = np.random.default_rng(1).normal(0, 0.02, 60)  # or every block would be better
     delay = judged_by_blocks(1, 8140.0, blocks)
-    filtered = judged_by_blocks(2, 8140.0, blocks * np.exp(judged / samples + noise - noise.mean()))
-    models = ModelComparison.__new__(ModelComparison)
-    models.seed = 0
+    filtered = judged_by_blocks(2, 8140.0, blocks * np.exp(judged / SAMPLES + noise - noise.mean()))
     assert models.compare(delay, filtered) == said
 
 
 @pytest.mark.parametrize(("left", "withdrawn"), [(1.0, True), (6.0, False)])
-def test_an_effect_is_withdrawn_where_without_it_the_model_does_as_well(monkeypatch, left, withdrawn):
+def test_an_effect_is_withdrawn_where_without_it_the_model_does_as_well(models, monkeypatch, left, withdrawn):
     """A puck off a wall: with its restitution the model left 1; fitted again without it, it leaves 1, or 6, of 12."""
-    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: 1000.0)
+    effect = of_slider(EFFECTS["force", 1])
     declared, found, again = (
-        judged_by_blocks(parameters, squares, np.ones(1)).fit
-        for parameters, squares in ((1, 12.0), (2, 1.0), (1, left))
+        fit_leaving(squares, *effects, samples=1000)
+        for effects, squares in (((), 12.0), ((effect,), 1.0), ((), left))
     )
-    models = ModelComparison.__new__(ModelComparison)
-    models.better_from, models.judge = lambda current, best: again, lambda fit: None
+    monkeypatch.setattr(models.fits, "fit", lambda *_, **__: again)
     assert (models.as_well_without(declared, found) is again) is withdrawn
 
 
-@dataclass
-class Named:
-    site: str
-
-    @property
-    def variant_of(self) -> str:
-        return self.site
-
-
-@dataclass
-class FakeFit:
-    names: tuple[str, ...]
-    error: float
-
-
-class FakeModels:
-    def __init__(self, explained: bool):
-        self.explained = explained
-
-    def is_explained(self, fit: FakeFit) -> bool:
-        return self.explained
-
-    def without(self, fit: FakeFit, name: str) -> FakeFit:
-        return FakeFit(tuple(n for n in fit.names if n != name), fit.error + 0.1)
-
-
 @pytest.mark.parametrize(
-    ("shares", "error", "explained", "kept"),
+    ("shares", "error", "kept"),
     [
-        ([0.9, 0.01, 0.02], 1.0, True, 3),  # nothing is left: that is what they were
-        ([0.9, 0.01, 0.02], 1.1, False, 1),  # minor ones that leave something explain nothing
-        ([0.9, 0.03], 1.1, False, 2),  # one alone that comes near the floor
-        ([0.9, 0.03], 1.5, False, 1),
-        ([0.9, 0.03, 0.06], 1.5, False, 3),  # what was minor led to one that is not
-        ([0.7, 0.2], 20.0, False, 2),
-        ([], 20.0, False, 0),
+        ([0.9, 0.01, 0.02], 1.0, 3),  # nothing is left: that is what they were
+        ([0.9, 0.01, 0.02], 1.15, 1),  # minor ones that leave something explain nothing
+        ([0.9, 0.03], 1.15, 2),  # one alone that comes near the floor
+        ([0.9, 0.03], 1.5, 1),
+        ([0.9, 0.03, 0.06], 1.5, 3),  # what was minor led to one that is not
+        ([0.7, 0.2], 20.0, 2),
+        ([], 20.0, 0),
     ],
 )
-def test_minor_effects_stand_only_where_they_explain(shares, error, explained, kept):
-    names = tuple(f"effect{i}@joint" for i in range(len(shares)))
-    placed = [Placed(name.split("@")[0], Named("joint")) for name in names]
-    selection = Attribution.__new__(Attribution)
-    selection.models = FakeModels(explained)
-    selection.candidates = [Candidate(p) for p in placed]
-    selection.accepted = [Accepted(p, None, [], None, share) for p, share in zip(placed, shares, strict=True)]
-    fit = selection._without_minor(FakeFit(names, error))
-    assert fit.names == tuple(a.name for a in selection.accepted) == names[:kept]
+def test_minor_effects_stand_only_where_they_explain(attribution, shares, error, kept):
+    effects = [of_slider(f"{kind}@x") for kind in ("coulomb-friction", "cubic-drag", "constant-force")]
+    selection = attribution(effects[: len(shares)])
+    for count in range(len(shares) + 1):
+        fit = fit_leaving((error + 0.1 * (len(shares) - count)) ** 2 * SAMPLES, *effects[:count])
+        selection.models.know(fit)
+    pairs = zip(effects, shares, strict=False)
+    selection.accepted = [Accepted(p, None, [], None, share) for p, share in pairs]
+    assert selection.models.is_explained(fit) == (error == 1.0)
+    fit = selection._without_minor(fit)
+    assert fit.effects == tuple(a.placed for a in selection.accepted) == tuple(effects[:kept])
     reasons = [c.why_rejected for c in selection.candidates]
     assert reasons[:kept] == [None] * kept and all("correction" in r for r in reasons[kept:])
 
 
-@pytest.mark.parametrize("explained", [True, False])
-def test_a_rival_that_is_not_as_good_may_be_enough(explained):
+@pytest.mark.parametrize(("error", "enough"), [(1.01, True), (1.3, False)])
+def test_a_rival_that_is_not_as_good_may_be_enough(attribution, error, enough):
     """A delay and a lag on a model whose steps are too long: the better one is not the only one that explains."""
-    lag, delay = Placed("lag", Named("drive")), Placed("delay", Named("drive"))
-    selection = Attribution.__new__(Attribution)
-    selection.models = FakeModels(explained)
-    selection.models.best = lambda mine, others: (mine, others)
-    selection.models.compare = lambda mine, other: WORSE
-    selection.candidates = [Candidate(lag), Candidate(delay)]
-    selection.accepted = [Accepted(lag, None, [Candidate(delay)], None, 0.9)]
-    selection.on_step = lambda *_: None
-    fit = FakeFit(("lag@drive",), 1.0)
-    selection._candidate_of = lambda *_: Candidate(lag, fit=fit)
-    selection._swapped = lambda *_: Candidate(delay, fit=FakeFit(("delay@drive",), 1.01))
-    selection._again_from = lambda _, other: other
-    assert selection._compare_with_rivals(fit, selection.accepted) is fit
+    lag, delay = (of_slider(f"control-{kind}@drive") for kind in ("lag", "delay"))
+    selection = attribution([lag, delay])
+    rival = Candidate(delay, score_with(np.ones(2)), start=np.full(1, 0.01))
+    selection.accepted = [Accepted(lag, score_with(np.ones(2)), [rival], None, 0.9)]
+    current = fit_leaving(SAMPLES, lag)
+    for fit in (current, fit_leaving(400 * SAMPLES), fit_leaving(error**2 * SAMPLES, delay)):
+        selection.models.know(fit)
+    assert selection._compare_with_rivals(current, selection.accepted) is current
     reason = selection.candidates[1].why_rejected
-    assert reason.startswith("lag@drive explains more")
-    assert reason.endswith("chance allows") == explained
+    assert reason.startswith("control-lag@drive explains more")
+    assert reason.endswith("chance allows") == enough
 
 
 @pytest.mark.parametrize(
@@ -257,10 +257,10 @@ def test_a_rival_that_is_not_as_good_may_be_enough(explained):
     ],
 )
 def test_what_simulations_alone_tell_of_is_a_rival_of_what_the_balance_found(
-    monkeypatch, mine, other, alike, asked
+    attribution, monkeypatch, mine, other, alike, asked
 ):
     """Friction that is harder than the model's, of a compliance."""
-    spring, hard = Placed("compliance", Named("elbow")), Placed("friction-hardness", Named("elbow"))
+    spring, hard = of_slider("compliance@x"), of_slider("friction-hardness@x")
     gains = {spring.name: (mine, np.array([1.0, 0.0])), hard.name: (other, np.array([alike, 0.1]))}
 
     class FakeScores:
@@ -270,19 +270,15 @@ def test_what_simulations_alone_tell_of_is_a_rival_of_what_the_balance_found(
         def score(self, candidates):
             for candidate in candidates:
                 gain, response = gains[candidate.name]
-                none = np.zeros(0)
-                candidate.score = None if gain is None else Score(gain, none, none, 1.0, response)
+                candidate.score = None if gain is None else score_with(response, gain)
                 candidate.why_rejected = "it explains nothing" if (gain or 0.0) < 20 else None
 
-    monkeypatch.setattr(attribution, "Scores", FakeScores)
-    selection = Attribution.__new__(Attribution)
-    selection.models = FakeModels(True)
-    selection.models.screening = lambda *_: SimpleNamespace(covered={spring.name})
-    selection.models.explaining_with = lambda _: set()
-    selection.on_step = lambda *_: None
-    selection.candidates = [Candidate(spring), Candidate(hard, why_rejected=attribution.NOT_ASKED)]
+    monkeypatch.setattr(search, "Scores", FakeScores)
+    selection = attribution([spring, hard])
+    selection.candidates[1].why_rejected = search.NOT_ASKED
     selection.accepted = [Accepted(spring, None, [], None, 0.9)]
-    selection._ask_simulations_for_rivals(FakeFit((spring.name,), 1.0), selection.accepted[0])
+    selection.models.know(fit_leaving(400 * SAMPLES))
+    selection._ask_simulations_for_rivals(fit_leaving(SAMPLES, spring), selection.accepted[0])
     assert [r.name for r in selection.accepted[0].rivals] == [hard.name] * asked
     assert selection.candidates[1].why_rejected.startswith("fitted in the" if asked else "explains no more")
 
@@ -294,9 +290,7 @@ def test_what_ended_at_a_limit_is_not_fitted_in_a_larger_set_that_has_it_there()
     )
     space = hysteresis.effect.space
     at_end, inside = space.from_unit(np.array([[0.1, 0.0], [0.1, 0.2]]))
-    own = BalanceRound.__new__(BalanceRound)
-    own.current = SimpleNamespace(effects=())
-    own._at_ends = [(frozenset({hysteresis.name}), _ends([hysteresis], [at_end]), "at its end")]
+    at_ends = [(frozenset({hysteresis.name}), _ends([hysteresis], [at_end]), "at its end")]
 
     def said(values, *others, beyond_noise=10.0):
         effects = (hysteresis, *others)
@@ -306,7 +300,7 @@ def test_what_ended_at_a_limit_is_not_fitted_in_a_larger_set_that_has_it_there()
             (values, *(e.effect.space.from_unit(np.array([0.1])) for e in others)),
             beyond_noise=beyond_noise,
         )
-        return own._ended(model, effects)
+        return _ended(model, 0, at_ends)
 
     assert said(at_end, coulomb) == "at its end"
     assert said(inside, coulomb) is None
@@ -352,12 +346,12 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
         return compare(self, mine, other)
 
     few = ("control-delay", "sensor-delay", "control-lag", "coulomb-friction")
-    catalogue = attribution.all_candidates
+    catalogue = search.all_candidates
     monkeypatch.setattr(
-        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+        search, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     monkeypatch.setattr(balance_round, "score_in_balance", tagged)
-    monkeypatch.setattr(attribution, "score_in_balance", tagged)
+    monkeypatch.setattr(search, "score_in_balance", tagged)
     monkeypatch.setattr(Attribution, "_balance_round", begin)
     monkeypatch.setattr(ModelComparison, "compare", judged)
     effects = ["control-delay@drive=0.006", "coulomb-friction@x=0.1"]
@@ -378,9 +372,9 @@ def test_an_effect_of_all_sensors_is_tried_at_each_that_is_in_the_log(
     slider_task.write_text(
         slider_task.read_text().replace(outputs, outputs + '[outputs.v]\ncolumn = "v"\nunit = "m/s"\n')
     )
-    catalogue = attribution.all_candidates
+    catalogue = search.all_candidates
     monkeypatch.setattr(
-        attribution,
+        search,
         "all_candidates",
         lambda log: [c for c in catalogue(log) if c.placed.kind == "sensor-delay"],
     )
@@ -402,10 +396,10 @@ def test_an_effect_of_all_sensors_is_tried_at_each_that_is_in_the_log(
 )
 def test_what_is_missing_at_every_joint_is_found_at_once(tmp_path, monkeypatch, without_pages, effects):
     """A law at both joints, and two effects of two kinds, of which the first is not spread to other places."""
-    catalogue, balance_round_of, begun = attribution.all_candidates, Attribution._balance_round, []
+    catalogue, balance_round_of, begun = search.all_candidates, Attribution._balance_round, []
     few = ("coulomb-friction", "sensor-delay", "viscous-damping")
     monkeypatch.setattr(
-        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+        search, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     monkeypatch.setattr(
         Attribution, "_balance_round", lambda self, fit: begun.append(fit) or balance_round_of(self, fit)
@@ -421,9 +415,9 @@ def test_a_law_that_simulations_alone_tell_of_is_found_at_every_joint_in_one_rou
     tmp_path, monkeypatch, without_pages
 ):
     """Friction that holds harder than MuJoCo's shows where joints rest: the balance has no rows of that."""
-    catalogue, few = attribution.all_candidates, ("friction-hardness", "coulomb-friction")
+    catalogue, few = search.all_candidates, ("friction-hardness", "coulomb-friction")
     monkeypatch.setattr(
-        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+        search, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     log, task = tmp_path / "log.zarr", held_machine(tmp_path / "arm", "arm", 0.002)
     model = task.with_name("model.xml")
@@ -435,9 +429,9 @@ def test_a_law_that_simulations_alone_tell_of_is_found_at_every_joint_in_one_rou
 
 
 def test_what_parameters_stand_in_for_is_found_where_they_leave_nothing(tmp_path, monkeypatch, without_pages):
-    catalogue, few = attribution.all_candidates, ("quadratic-drag", "coulomb-friction", "sensor-delay")
+    catalogue, few = search.all_candidates, ("quadratic-drag", "coulomb-friction", "sensor-delay")
     monkeypatch.setattr(
-        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+        search, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider", 0.002))
     drag = ["quadratic-drag@x=0.3"]
@@ -452,9 +446,9 @@ def test_a_simpler_effect_is_asked_where_the_balance_prefers_one_with_more_param
     tmp_path, monkeypatch, without_pages
 ):
     """A filter as slow as this is beyond first order, and a compliance, which has four parameters, bends as it does."""
-    catalogue, few = attribution.all_candidates, ("compliance", "sensor-low-pass")
+    catalogue, few = search.all_candidates, ("compliance", "sensor-low-pass")
     monkeypatch.setattr(
-        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+        search, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider", 0.005))
     effects = ["sensor-low-pass@q=0.045"]

@@ -2,54 +2,44 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
-import mujoco
 import numpy as np
 import pytest
+from balances import Made
 
+from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.solve.linearization import Data, Linearization
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.select.candidates import Candidate, score_at_null
+from capture_cli.select.narrow_peaks import NarrowPeaks
 
 STEPS = 2000
-MODEL = mujoco.MjModel.from_xml_string(
-    "<mujoco><worldbody><body><joint name='x' type='slide'/><geom size='0.1'/></body></worldbody></mujoco>"
-)
+SLIDER = Made.of("slider", episodes=1).prepared
 
 
 @pytest.fixture
-def fitted():
+def fitted(monkeypatch):
     """A fit with one parameter, that leaves `left` (row,) of the noise's size: what candidates are scored against."""
 
-    def fitted(effect, left: np.ndarray, response: np.ndarray):
+    def fitted(effect, left: np.ndarray, response: np.ndarray) -> NarrowPeaks:
         noise = np.random.default_rng(0).standard_normal(STEPS)
         ramp = 1e3 * np.linspace(0, 1, STEPS)[None, :, None]
-        data = Data(
-            ParameterSpace([Parameter("friction", "N", 0.0, 1.0, 0.5)]),
-            np.zeros((1, STEPS, 1)),
-            np.ones((1, STEPS, 1), dtype=bool),
-            np.ones(1),
-            np.zeros((1, 0)),
-        )
+        space = ParameterSpace([Parameter("friction", "N", 0.0, 1.0, 0.5)])
+        shape = (1, STEPS, 1)
+        data = Data(space, np.zeros(shape), np.ones(shape, dtype=bool), np.ones(1), np.zeros((1, 0)))
         nothing = np.zeros((1, STEPS, 0))
         at = Linearization(data, np.array([0.5]), np.zeros((1, 0)), (left + noise)[None], ramp, nothing)
 
         def probe(part, fit, placed, probes, states):
             shares = (probes - effect.space.nominal) / effect.space.span
-            return at.residual - shares.sum(axis=1)[:, None, None] * response, np.zeros(
-                len(probes), dtype=bool
-            )
+            change = shares.sum(axis=1)[:, None, None] * response
+            return at.residual - change, np.zeros(len(probes), dtype=bool)
 
-        part = SimpleNamespace(windows=SimpleNamespace(first=np.zeros(1, dtype=int)))
-        return SimpleNamespace(
-            fits=SimpleNamespace(probe=probe),
-            fit=SimpleNamespace(at=at, excess=0.0, error=1.0),
-            part=part,
-            doubts=lambda *_: False,
-        )
+        fits = ModelFits(SLIDER, 1)
+        monkeypatch.setattr(fits, "probe", probe)
+        return NarrowPeaks(fits, SLIDER.part(np.arange(1)), Fit((), space, np.array([0.5]), at))
 
     return fitted
 
@@ -61,8 +51,8 @@ def test_what_is_imitated_but_for_a_little_is_tried(fitted, share, is_tried):
     """
     ramp, wave = 1e3 * np.linspace(0, 1, STEPS), np.sin(np.linspace(0, 60, STEPS))
     own = share * wave * np.linalg.norm(ramp) / np.linalg.norm(wave)
-    effect = REGISTRY.get("viscous-damping")(MODEL, "x")
-    candidate = Candidate(Placed("viscous-damping", effect))
+    effect = REGISTRY.get("coulomb-friction")(SLIDER.task.model, "x")
+    candidate = Candidate(Placed("coulomb-friction", effect))
     score_at_null(fitted(effect, left=4 * wave, response=ramp + own), candidate)
     assert (candidate.why_rejected is None) == is_tried
     if not is_tried:
@@ -72,8 +62,8 @@ def test_what_is_imitated_but_for_a_little_is_tried(fitted, share, is_tried):
 def test_what_the_smallest_probes_overdo_is_probed_by_less(fitted, monkeypatch):
     """A spring that grows with the cube, on a wheel that turned far: a millionth of a range for one radian."""
     wave = np.sin(np.linspace(0, 60, STEPS))
-    effect = REGISTRY.get("viscous-damping")(MODEL, "x")
-    candidate = Candidate(Placed("viscous-damping", effect))
+    effect = REGISTRY.get("coulomb-friction")(SLIDER.task.model, "x")
+    candidate = Candidate(Placed("coulomb-friction", effect))
     narrow = fitted(effect, left=wave, response=1e6 * wave)
     linear = narrow.fits.probe
 

@@ -29,6 +29,9 @@ from capture_cli.select.rejection import (
     slight,
 )
 
+# of a fit whose effects are at ends of their ranges: which effects, at which ends, and what that says
+AtEnds = tuple[frozenset[str], frozenset, str]
+
 
 class BalanceRound:
     """What may be added to the model `current`, of the candidates that the screening covers.
@@ -57,8 +60,7 @@ class BalanceRound:
         score_in_balance(screening, current, candidates)
         self.ranked = by_score(candidates)
         self._before, self._best = models.judge(current), None
-        # fits whose effects are at ends of their ranges: of which effects, at which ends, and what that says
-        self._at_ends: list[tuple[frozenset[str], frozenset, str]] = []
+        self._at_ends: list[AtEnds] = []
         # beside what was found already one is looked for at a time
         sizes = 1 if current.effects else most
         self.supported = self._search(grown(screening, current.effects, current.values, sizes), sizes)
@@ -194,7 +196,7 @@ class BalanceRound:
         """
         added = model.effects[len(self.current.effects) :]
         is_known = self.models.is_fitted(model.effects)
-        reason = None if is_known else self._ended(model, added)
+        reason = None if is_known else _ended(model, len(self.current.effects), self._at_ends)
         if reason:
             self._reject(added, reason)
             return []
@@ -236,15 +238,6 @@ class BalanceRound:
             self._at_ends.append((names_of(added), _ends(added, values), reason))
         return reason
 
-    def _ended(self, model: BalancedModel, added: Sequence[Placed]) -> str | None:
-        """What the fit of some of the effects said: that one of them has to be at the end of its range, if the balance
-        has it there, too, and leaves more than the sensors' noise. Where nothing is left that says little.
-        """
-        if model.beyond_noise < 1:
-            return None
-        names, there = names_of(added), _ends(added, model.values[len(self.current.effects) :])
-        return next((why for some, at, why in self._at_ends if some < names and at and at <= there), None)
-
     def _unsupported(self, fit: Fit, added: Sequence[Placed]) -> str | None:
         """What simulations of other windows say against it."""
         models, current = self.models, self.current
@@ -265,6 +258,18 @@ def _first(reasons: Iterable[str | None]) -> str | None:
 def _is_one_law(added: Sequence[Placed]) -> bool:
     """Whether the effects are one law, at one place or several."""
     return len({e.law for e in added}) == 1
+
+
+def _ended(model: BalancedModel, known: int, at_ends: Sequence[AtEnds]) -> str | None:
+    """What the fit of some of the effects that come after the `known` said: that one of them has to be at the end of
+    its range, if the balance has it there, too, and leaves more than the sensors' noise. Where nothing is left that
+    says little.
+    """
+    if model.beyond_noise < 1:
+        return None
+    added = model.effects[known:]
+    names, there = names_of(added), _ends(added, model.values[known:])
+    return next((why for some, at, why in at_ends if some < names and at and at <= there), None)
 
 
 def _ends(effects: Sequence[Placed], values: Sequence[np.ndarray]) -> frozenset:
