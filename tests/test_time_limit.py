@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from types import SimpleNamespace
+from dataclasses import replace
 
 import pytest
+from balances import Made
 from conftest import draw_nothing
 from diagnosing import look_among
 from held_inputs import held_machine
 
 from capture_cli.errors import CaptureError, OutOfTime
+from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.report.diagnosis_findings import notes, placed
 from capture_cli.select import explain as explaining
 from capture_cli.select.explain import Settings
+from capture_cli.select.explanation import Explanation
 from capture_cli.select.search import Attribution
 from capture_cli.select.time_limit import TimeLimit
 from capture_cli.simulate.engine import Engine
@@ -172,48 +174,48 @@ def test_what_is_around_stops_what_is_within(monkeypatch):
         assert limit.made(late, "a", keeping=4.0) is None and limit.left_out == ["a"]
 
 
-@dataclass(frozen=True)
-class Found:
-    """What there is of an Explanation to tell whether to search again."""
+@pytest.fixture(scope="module")
+def explained() -> Explanation:
+    """Of a short log, by the declared model alone."""
+    return explained_by(Made.of("slider", episodes=1).prepared, most_effects=0)
 
-    name: str
-    left: float
-    out_of_time: bool = False
-    left_out: tuple[str, ...] = ()
-    rollouts: int = 0
 
-    @property
-    def leaves_something(self) -> bool:
-        return self.left > 1
+def explained_by(prepared: PreparedLog, **settings) -> Explanation:
+    nominal = prepared.task.space.nominal
+    return explaining.explain(prepared, nominal, Settings(threads=1, **settings), lambda *_: None)
 
-    @property
-    def after(self) -> SimpleNamespace:
-        return SimpleNamespace(fit=None, lacking=SimpleNamespace(normalized=self.left))
+
+def leaving(explained: Explanation, left: float, **said) -> Explanation:
+    """Another, whose last model leaves so many times the noise floor."""
+    fit = explained.after.fit
+    fit = replace(fit, at=replace(fit.at, residual=fit.at.residual * left / fit.error))
+    last = replace(explained.after, fit=fit, again=fit)
+    return replace(explained, models=[*explained.models[:-1], last], **said)
 
 
 @pytest.mark.parametrize("left", [1.0, 4.0, 6.0])
 @pytest.mark.parametrize("stopped", ["in the search", "before it", "not at all"])
 def test_where_another_search_is_stopped_or_finds_less_what_was_found_before_stands(
-    monkeypatch, stopped, left
+    explained, monkeypatch, stopped, left
 ):
-    def begin(*_, free=False):
-        if free and stopped == "before it":
-            raise OutOfTime
-        other = Found("free", left, stopped == "in the search", rollouts=9)
-        found = other if free else Found("as acted", 5.0, left_out=("minima",), rollouts=4)
-        protocol = SimpleNamespace(closing=SimpleNamespace(whole=1.0))
-        return SimpleNamespace(explain=lambda: found, as_acted=not free, prepared=prepared, protocol=protocol)
+    as_acted = leaving(explained, 5.0, left_out=("minima",), rollouts=4)
+    free = leaving(explained, left, out_of_time=stopped == "in the search", rollouts=9)
 
-    prepared = SimpleNamespace(rollouts=0)
-    monkeypatch.setattr(explaining, "_begin", begin)
-    monkeypatch.setattr(explaining, "check_parameters_move_outputs", lambda *_, **__: 0)
-    monkeypatch.setattr(explaining, "with_noise_of_repeats", lambda prepared, *_, **__: (prepared, 0))
+    def run(protocol, declared, *, last_time):
+        if last_time and stopped == "before it":
+            raise OutOfTime
+        return free if last_time else as_acted
+
+    prepared = explained.parts.prepared
+    monkeypatch.setattr(explaining, "begins_as_acted", lambda _: True)
+    monkeypatch.setattr(explaining._Protocol, "run", run)
     monkeypatch.setattr(explaining, "with_outliers", lambda prepared, *_: prepared)
-    monkeypatch.setattr(Found, "parts", SimpleNamespace(fitted=None), raising=False)
-    found = explaining.explain(prepared, None, Settings(), lambda *_: None)
+    found = explained_by(prepared)
+    is_free = found.models is free.models
+    assert is_free or found.models is as_acted.models
     if stopped != "not at all":
-        assert found.name == "as acted" and found.left_out == ("minima", "a search with free initial states")
+        assert not is_free and found.left_out == ("minima", "a search with free initial states")
     elif left < 5.0:
-        assert found.name == "free" and not found.left_out
+        assert is_free and not found.left_out
     else:
-        assert found.name == "as acted" and found.left_out == ("minima",) and found.rollouts == 9
+        assert not is_free and found.left_out == ("minima",) and found.rollouts == 9
