@@ -39,7 +39,7 @@ DRAWS = {  # what of a stage draws its pages and figures, in capture_cli
     "train_sysid": "report.training.write_identifier_figure",
     "identify": "stages.identify._write_pages",
     "diagnose": "stages.diagnose._write_pages",
-    "eval_sim2sim": "stages.evaluation.evaluation_run._write_figures",
+    "eval_sim2sim": "report.evaluation_figures.write_figures",
 }
 
 

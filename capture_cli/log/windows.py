@@ -159,7 +159,8 @@ def at_spans(spans: Spans, samples: Log, timestep: float, holds: Sequence[Hold])
     episode, known_since, first, stop = spans.episode, spans.known_since, spans.first, spans.stop
     elapsed = time[first] - time[[episodes[number].start for number in episode]]
     known = time[first] - time[known_since]
-    grid_steps = np.array([_grid_steps(time[a:b], timestep) for a, b in zip(first, stop, strict=True)])
+    lasts = (time[stop - 1] - time[first]) / timestep
+    grid_steps = np.floor(lasts + INPUT_SEQUENCES.grid_tolerance).astype(int) + 2
     lead = _steps(known.max(), timestep)
     ahead = _steps(SETTINGS.most_drift * elapsed.max(), timestep)
     sequences = input_sequences(
@@ -261,10 +262,6 @@ def gaps(time: np.ndarray, usual: float) -> np.ndarray:
 def _steps(duration: float, timestep: float) -> int:
     """Model steps that cover `duration` s, or `lead` where that is shorter."""
     return int(np.ceil(min(duration, SETTINGS.lead) / timestep - INPUT_SEQUENCES.grid_tolerance))
-
-
-def _grid_steps(time: np.ndarray, timestep: float) -> int:
-    return int(np.floor((time[-1] - time[0]) / timestep + INPUT_SEQUENCES.grid_tolerance)) + 2
 
 
 def at_times(series: np.ndarray, steps: np.ndarray) -> np.ndarray:

@@ -216,7 +216,8 @@ def thin(
     """
     total = sum(s.stop - s.start for s in slices)
     if total <= points:
-        at, rows, counts = _all_rows(values, slices)
+        at = np.concatenate([np.arange(s.start, s.stop) for s in slices])
+        rows, counts = values[at], np.array([s.stop - s.start for s in slices])
     else:
         at, rows, counts = _extremes(values, slices, points / (2 * total))
     ends = np.cumsum(counts)
@@ -268,11 +269,6 @@ def _lay_out(time, slices, episode) -> tuple[np.ndarray, str]:
             x[s] = time[s] - begin + end + pause
         end = max(x[s][-1] for s in members)
     return x, "time [s], one episode after the other"
-
-
-def _all_rows(values, slices) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    at = np.concatenate([np.arange(s.start, s.stop) for s in slices])
-    return at, values[at], np.array([s.stop - s.start for s in slices])
 
 
 def _extremes(values, slices, stretches_per_step) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

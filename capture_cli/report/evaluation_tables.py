@@ -129,7 +129,7 @@ def _trajectories(record: EvaluationRecord) -> Rows:
         cells.append((label, *ours, *([significant(e["ratio"][at], 2)] if e["ratio"] else [])))
         paper = paper_numbers.trajectory_difference(record.task, record.noise, e, record.world)
         if paper:
-            theirs = [_spread(*paper[r], digits=2) if r in paper else MISSING for r in rounds]
+            theirs = ["{:.2f} ± {:.2f}".format(*paper[r]) if r in paper else MISSING for r in rounds]
             ratios = [_paper_ratio(paper, at, record.world)] if e["ratio"] else []
             cells.append((IN_PAPER, *theirs, *ratios))
     ratio = [f"ratio at {at}"] if record.yardstick else []
@@ -221,13 +221,7 @@ def _cost(record: EvaluationRecord) -> Rows:
 
 def _of_several(mean: float, sd: float) -> str:
     """sd is 0 where there is one, a seed or a pair, and then says nothing."""
-    return _spread(mean, sd) if sd else significant(mean, 3)
-
-
-def _spread(mean: float, sd: float, digits: int | None = None) -> str:
-    if digits is not None:
-        return f"{mean:.{digits}f} ± {sd:.{digits}f}"
-    return f"{significant(mean, 3)} ± {significant(sd, 2)}"
+    return f"{significant(mean, 3)}{f' ± {significant(sd, 2)}' * bool(sd)}"
 
 
 def _at(record: EvaluationRecord, number: int) -> int:

@@ -70,11 +70,10 @@ def _environment() -> Environment:
         quantities.with_unit,
         on_range,
         remarks_on,
-        _file_name,
         _moment,
     )
     environment.globals |= {function.__name__.strip("_"): function for function in written}
-    environment.globals["missing"] = quantities.MISSING
+    environment.globals |= {"missing": quantities.MISSING, "file_name": lambda path: PurePath(path).name}
     return environment
 
 
@@ -116,10 +115,6 @@ def _verbatim(value: Any, key: str = "") -> Any:
         return value
     end = "<extra></extra>" if key == "hovertemplate" and value.endswith("<extra></extra>") else ""
     return escape(value.removesuffix(end), quote=False) + end
-
-
-def _file_name(path: str) -> str:
-    return PurePath(path).name
 
 
 def _moment(began: str) -> str:

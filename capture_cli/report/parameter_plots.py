@@ -86,7 +86,9 @@ def convergence(estimate: Estimate) -> Plot | None:
         "yaxis": {"title": {"text": "error / noise floor"}, "domain": [0.56 if names else 0, 1]},
     }
     # over less than a decade a logarithmic axis has next to no labels
-    layout["yaxis"] |= {"type": "log", "dtick": 1} if _decades(errors) >= 1 else {"rangemode": "tozero"}
+    positive = errors[np.isfinite(errors) & (errors > 0)]
+    in_decades = positive.size and positive.max() >= 10 * positive.min()
+    layout["yaxis"] |= {"type": "log", "dtick": 1} if in_decades else {"rangemode": "tozero"}
     if names:
         data += [_path(estimate, k, rounds, marks) for k in range(len(names))]
         layout["yaxis2"] = {
@@ -174,8 +176,3 @@ def _recording_points(names, own: Mapping[str, Any], unit: str, number: str) -> 
         showlegend=False,
         hovertemplate=f"%{{y}}: %{{x:.5g}} {in_template(shown_unit(unit))}<extra></extra>",
     )
-
-
-def _decades(errors: np.ndarray) -> float:
-    positive = errors[np.isfinite(errors) & (errors > 0)]
-    return float(np.log10(positive.max() / positive.min())) if positive.size else 0.0

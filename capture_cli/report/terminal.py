@@ -89,13 +89,14 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
     screen = _Screen(console)
     verdict = record.verdict
     is_unexplained = verdict == "unexplained" and not record.effects
+    formula, error = words.expression(record), words.expression_error(record)
     screen.wrapped(words.TITLES[verdict], _answer(record), STYLES[verdict])
     for mark, line in (
         ("error", _error_line(diagnosis)),
         ("left", words.left_over(record)),
         ("absorbed", _absorbed_line(record)),
         ("where", words.strongest_covariate(record) if is_unexplained else ""),
-        ("formula", _formula_line(record)),
+        ("formula", f"{formula} ({error})" if error else formula),
         *_rivals_line(record),
         ("note", " ".join([*words.suspicions(diagnosis), *words.beside(record)])),
         ("next", words.next_experiment(record)),
@@ -296,11 +297,6 @@ def _shift(row: diagnosis_findings.Moved) -> str:
         if before != after:
             break
     return f"{row.name} {before} → {with_unit(after, row.unit)}"
-
-
-def _formula_line(record: DiagnosisRecord) -> str:
-    text, error = diagnosis_findings.expression(record), diagnosis_findings.expression_error(record)
-    return f"{text} ({error})" if error else text
 
 
 def _rivals_line(record: DiagnosisRecord) -> list[tuple[str, str]]:

@@ -191,7 +191,9 @@ class _Run:
                 seen.append(self.trainer.train())
                 if batch % self.every == 0 or batch == batches:
                     self._evaluate(seen)
-                    self._save(folder, recipe)
+                    counters, arrays = self.trainer.state()
+                    save_state(folder, {"trainer": counters, "metrics": self.metrics}, arrays, recipe)
+                    write_metrics(folder, self.metrics)
                     seen = []
                 rate = (batch - done) * settings.envs / (time.monotonic() - clock)
                 left = (batches - batch) * settings.envs / rate
@@ -234,11 +236,6 @@ class _Run:
         points, uniform = _drawn(self.simulator.task, self.effects, generator, episodes)
         rewards, successes = evaluate(policy, self.simulator, points, uniform)
         return {"reward": float(rewards.mean()), "success": float(successes.mean())}
-
-    def _save(self, folder: Path, recipe: Mapping[str, Any]) -> None:
-        counters, arrays = self.trainer.state()
-        save_state(folder, {"trainer": counters, "metrics": self.metrics}, arrays, recipe)
-        write_metrics(folder, self.metrics)
 
     def _told(self, step: int, rate: float, left: float) -> str:
         settings = self.trainer.settings

@@ -74,7 +74,7 @@ def train_sysid(options: TrainSysidOptions) -> dict[str, Any]:
         "task": signature.task,
         "architecture": asdict(architecture),
         "training": asdict(settings),
-        "histories": _described(store.attributes),
+        "histories": {n: store.attributes[n] for n in SCHEMA.attributes if n not in NOT_OF_HISTORIES},
     }
     if complete:
         document = read_document(out)
@@ -204,11 +204,6 @@ def _settings(options: TrainSysidOptions) -> Settings:
 
     warmup = min(options.warmup, options.steps // 2)
     return Settings(warmup=warmup, **{name: getattr(options, name) for name in TRAINING})
-
-
-def _described(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """How the histories were made."""
-    return {name: attributes[name] for name in SCHEMA.attributes if name not in NOT_OF_HISTORIES}
 
 
 # --- the work ---

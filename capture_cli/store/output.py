@@ -12,7 +12,7 @@ import shutil
 import stat
 import time
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -400,11 +400,10 @@ def _alive(pid: int) -> bool:
     if pid == os.getpid():
         return False  # ours, from an earlier attempt in this process
     try:
-        os.kill(pid, 0)
+        with suppress(PermissionError):
+            os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except PermissionError:
-        return True
     return True
 
 

@@ -30,13 +30,15 @@ class SourceFile(ABC):
     """An open file: `columns` are the names in its header; values are read when asked for.
 
     suffixes: that names of such files end in. magic: the first bytes of all of them, if there are such.
-    comments: how many lines before the header were passed over. most: bytes that is read of it.
+    comments: how many lines before the header were passed over. most: bytes that is read of it. cure_of_one_column: of
+    a file in which a single column was found, where the format has one of its own.
     Every reading method raises LogError where the file is not what its name says.
     """
 
     suffixes: tuple[str, ...]
     magic: bytes | None = None
     comments = 0
+    cure_of_one_column: str | None = None
 
     def __init__(self, path: Path, most: int = ZARR_STORE.most):
         self.path = path
@@ -84,27 +86,20 @@ class SourceFile(ABC):
         """Raise LogError unless each of `names` is the name of exactly one column."""
         for name in names:
             if name not in self.columns:
-                there_are = did_you_mean(name, self.columns) + self._no_header()
+                there_are = did_you_mean(name, self.columns)
+                if all(NUMBER.fullmatch(c) for c in self.columns):
+                    there_are += " (these are numbers: the first line must name the columns)"
                 cure = "correct the column in the task.toml, or in the first line of the file"
                 if any(c.startswith(COMMENTS) for c in self.columns[:1]):
                     cure = "remove the mark at the start of that line if it names the columns, or add a line that does"
                 elif len(self.columns) == 1:
-                    cure = self._cure_of_one_column(cure)
+                    cure = self.cure_of_one_column or cure
                 raise LogError(f"{self.path} has no column {name!r}: {there_are}", cure=cure)
             if self.columns.count(name) > 1:
                 raise LogError(
                     f"{self.path} has {self.columns.count(name)} columns named {name!r}",
                     cure="give each column a name of its own",
                 )
-
-    def _cure_of_one_column(self, cure: str) -> str:
-        """The cure for a file in which a single column was found; `cure` where the format has no other."""
-        return cure
-
-    def _no_header(self) -> str:
-        if all(NUMBER.fullmatch(c) for c in self.columns):
-            return " (these are numbers: the first line must name the columns)"
-        return ""
 
     def _not_a_number(self, name: str, row: int, value: object) -> LogError:
         cure = "correct that cell; an empty one counts as missing, and --drop-nan drops its row"

@@ -32,6 +32,9 @@ class CsvFile(SourceFile):
     """Text with a header line; the delimiter is the one the header uses most."""
 
     suffixes = (".csv", ".tsv", ".txt")
+    cure_of_one_column = (
+        "separate the columns, in all lines, by commas, semicolons or tabs: the first line has none of these"
+    )
 
     def _read_columns(self):
         self._header_line, header = self._first_line()
@@ -189,9 +192,6 @@ class CsvFile(SourceFile):
         values = [row[-1].strip() for row in csv.reader(lines, delimiter=self.delimiter)]
         *above, last = [len(re.sub(r"^[^.,]*[.,]?", "", value)) for value in values]
         return values[-1] if last < min(above, default=0) else None
-
-    def _cure_of_one_column(self, cure):
-        return "separate the columns, in all lines, by commas, semicolons or tabs: the first line has none of these"
 
     def place(self, row):
         """The line, counted from 1 as editors do; blank lines are no rows."""

@@ -156,13 +156,8 @@ def _joined(plan: EvaluationPlan, folder: Path) -> dict[str, np.ndarray]:
 
 
 def _write_reports(evaluation: Evaluation, folder: Path) -> None:
+    from capture_cli.report.evaluation_figures import write_figures
     from capture_cli.report.evaluation_tables import markdown
 
     (folder / "tables.md").write_text(markdown(evaluation.document), encoding="utf-8")
-    _write_figures(evaluation, folder)
-
-
-def _write_figures(evaluation: Evaluation, folder: Path) -> None:
-    from capture_cli.report.evaluation_figures import write_figures
-
     write_figures(evaluation.document, folder)
