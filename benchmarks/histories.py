@@ -133,7 +133,7 @@ def _robosuite_stepper(task: str) -> Callable[[], float] | None:
         world = importlib.import_module(f"capture_cli.context.worlds.{task.replace('-', '_')}")
     except ModuleNotFoundError:
         return None
-    environment = world.gymnasium_environment(
+    environment = world.MACHINE.behind_gymnasium(
         control_freq=20,
         horizon=(REPEATS + 1) * CONTROL_STEPS + 1,  # one reset lasts all repeats
     ).environment

@@ -1,9 +1,11 @@
 """PNG figures of an estimate, for slides and issue threads."""
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from capture_cli.common.quantities import bound, estimated, place, to_precision_of
@@ -33,8 +35,8 @@ def write_figures(estimate: Estimate, folder: Path) -> list[Path]:
     """
     curves = Curves.of(estimate)
     drawings = {
-        "overlay": partial(_overlay, curves),
-        "residual": partial(_residual, curves),
+        "overlay": partial(_of_outputs, curves, 1.9, draw_outputs),
+        "residual": partial(_of_outputs, curves, 1.5, draw_residuals),
     }
     if estimate.record.parameters:
         drawings["parameters"] = partial(_parameters, estimate)
@@ -43,16 +45,11 @@ def write_figures(estimate: Estimate, folder: Path) -> list[Path]:
     return save(drawings, folder)
 
 
-def _overlay(curves: Curves) -> Figure:
-    figure, axes = rows(curves.measured.shape[1], [1.9])
-    handles = [draw_outputs(axis, curves, k) for k, (axis,) in enumerate(axes)]
-    return finish(figure, axes, curves, handles[-1])
-
-
-def _residual(curves: Curves) -> Figure:
-    figure, axes = rows(curves.measured.shape[1], [1.5])
-    handles = [draw_residuals(axis, curves, k) for k, (axis,) in enumerate(axes)]
-    return finish(figure, axes, curves, max(handles, key=len))
+def _of_outputs(curves: Curves, height: float, draw: Callable[[Axes, Curves, int], list]) -> Figure:
+    """What `draw` draws of each output, in rows of this height, inches."""
+    figure, axes = rows(curves.measured.shape[1], [height])
+    handles = [draw(axis, curves, k) for k, (axis,) in enumerate(axes)]
+    return finish(figure, axes, curves, max(reversed(handles), key=len))
 
 
 def _parameters(estimate: Estimate) -> Figure:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -174,16 +174,13 @@ def _attributes(recipe: Recipe, options: GenHistoriesOptions) -> dict[str, Any]:
 # --- the work ---
 
 
-@contextmanager
-def _shard_maker(options: GenHistoriesOptions) -> Iterator[Callable[..., Iterator[int]]]:
+def _shard_maker(options: GenHistoriesOptions) -> AbstractContextManager[Callable[..., Iterator[int]]]:
     """A function of (recipe, writer, shards (number, pairs), threads) that yields how many pairs each shard held."""
     if options.executor == "local":
-        yield _make_here
-        return
+        return nullcontext(_make_here)
     from capture_cli.context.histories.ray_cluster import ray_cluster
 
-    with ray_cluster(options.address) as make:
-        yield make
+    return ray_cluster(options.address)
 
 
 def _make_here(recipe: Recipe, writer: HistoriesWriter, shards, threads: int | None) -> Iterator[int]:

@@ -23,7 +23,9 @@ def summary(
     names = [p["name"] for p in attributes["parameters"]]
     span = np.array([p["high"] - p["low"] for p in attributes["parameters"]])
     difference = np.abs(arrays["estimates"] - arrays["target"][None, :, :, None]) / span
-    yardstick = _yardstick(arrays, attributes)
+    means = zip(attributes["identifiers"], arrays["trajectory_difference"], strict=True)
+    # over all its rounds: they are alike
+    yardstick = next((float(own.mean()) for about, own in means if about["identifier"] == YARDSTICK), None)
     labels = [about["label"] for about in attributes["identifiers"]]
     paired = paired_comparison(labels, difference, ours_among(attributes["identifiers"]))
     identifiers = {}
@@ -61,14 +63,6 @@ def summary(
         "yardstick": YARDSTICK if yardstick is not None else None,
         "identifiers": identifiers,
     }
-
-
-def _yardstick(arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> float | None:
-    """Trajectory difference of domain randomisation, over all its rounds: they are alike."""
-    for k, about in enumerate(attributes["identifiers"]):
-        if about["identifier"] == YARDSTICK:
-            return float(arrays["trajectory_difference"][k].mean())
-    return None
 
 
 def _coverage(sd: np.ndarray, error: np.ndarray) -> list[float] | None:

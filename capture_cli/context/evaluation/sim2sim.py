@@ -102,8 +102,8 @@ class Sim2Sim:
             "simulated_rollouts": np.pad(walk.simulated_rollouts, ((0, 0), (1, 0))),
         }
         if self.task.trainable:
-            flat = self.task.success(actions.reshape(-1, actions.shape[-1]), _flat(measured))
-            arrays["success"] = flat.reshape(distance.shape)
+            flat = (a.reshape(-1, *a.shape[2:]) for a in (actions, measured))
+            arrays["success"] = self.task.success(*flat).reshape(distance.shape)
         return arrays
 
     def machine(self) -> Simulate:
@@ -147,7 +147,3 @@ def _with_first(sd: np.ndarray | None, estimates: np.ndarray) -> np.ndarray:
     if sd is not None:
         result[:, 1:] = sd
     return result
-
-
-def _flat(trajectories: np.ndarray) -> np.ndarray:
-    return trajectories.reshape(-1, *trajectories.shape[2:])

@@ -148,10 +148,8 @@ class LearnedIdentifier(RoundIdentifier):
     def recall(self, earlier: Rounds) -> None:
         """Know the rounds that were made before, and go on from the start."""
         self.history = earlier
-        self.round = earlier.rounds
 
     def tell(self, actions, simulated, measured) -> None:
-        self.round += 1
         self.history = self.history.then(self._best, actions, simulated[:, 0], measured)
         self.prediction = self.model.predict(self.history)
         self._best = self.prediction.mean

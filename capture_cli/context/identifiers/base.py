@@ -202,7 +202,6 @@ class RoundIdentifier(AskTell):
         self._best = self.start
         self.simulate = simulate
         self.seed = seed
-        self.round = 0
         self.simulated_rollouts = np.zeros(len(self.start), dtype=np.int64)
 
     def ask(self) -> np.ndarray:

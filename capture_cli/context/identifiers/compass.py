@@ -47,6 +47,7 @@ class Compass(RoundIdentifier):
     def __init__(self, signature, start, *, fit_steps: int = SETTINGS.fit_steps, **options):
         super().__init__(signature, start, **options)
         self.settings = replace(SETTINGS, fit_steps=fit_steps)
+        self.round = 0
         self._generator = np.random.default_rng(self.seed)
         self._candidates = self._spread_out()
         self._inputs: deque[np.ndarray] = deque(maxlen=SETTINGS.remembered)

@@ -15,5 +15,4 @@ class DomainRandomization(RoundIdentifier):
         self._generator = np.random.default_rng(self.seed)
 
     def tell(self, actions, simulated, measured) -> None:
-        self.round += 1
         self._best = self.space.from_unit(self._generator.random(self.start.shape))

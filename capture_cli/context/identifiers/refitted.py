@@ -31,6 +31,7 @@ class Refitted(RoundIdentifier):
         super().__init__(signature, start, **options)
         if self.simulate is None:
             raise ValueError(f"{type(self).__name__} runs simulations of its own: give it `simulate`")
+        self.round = 0
         self.noise_sd = SETTINGS.weight_sd * np.array([f.scale for f in signature.features])
         self._actions: deque[np.ndarray] = deque(maxlen=SETTINGS.remembered)
         self._measured: deque[np.ndarray] = deque(maxlen=SETTINGS.remembered)

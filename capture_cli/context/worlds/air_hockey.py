@@ -45,5 +45,4 @@ class TableAirHockey(PushedScene):
 
 
 MACHINE = TableAirHockey
-gymnasium_environment = TableAirHockey.behind_gymnasium
-gymnasium.register("capture/TableAirHockey-v0", entry_point=gymnasium_environment)
+gymnasium.register("capture/TableAirHockey-v0", entry_point=TableAirHockey.behind_gymnasium)

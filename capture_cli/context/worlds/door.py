@@ -44,5 +44,4 @@ class PushedDoor(PushedScene):
 
 
 MACHINE = PushedDoor
-gymnasium_environment = PushedDoor.behind_gymnasium
-gymnasium.register("capture/PushedDoor-v0", entry_point=gymnasium_environment)
+gymnasium.register("capture/PushedDoor-v0", entry_point=PushedDoor.behind_gymnasium)

@@ -123,5 +123,4 @@ class ObjectScooping(Scene):
 
 
 MACHINE = ObjectScooping
-gymnasium_environment = ObjectScooping.behind_gymnasium
-gymnasium.register("capture/ObjectScooping-v0", entry_point=gymnasium_environment)
+gymnasium.register("capture/ObjectScooping-v0", entry_point=ObjectScooping.behind_gymnasium)
