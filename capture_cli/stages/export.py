@@ -97,12 +97,10 @@ def _header(
         lines.append(f"  {name}{where}")
         lines += [f"    {_size(p, v)}" for p, v in zip(effect.parameters, own, strict=True)]
     if _substeps(effects) > 1:
-        lines.append(
-            f"  the model steps {_substeps(effects)} times in each step of the grid on which controls come and"
-        )
-        lines.append(
-            "  sensors are read: hold each control over as many, and take the sensors of the first of them"
-        )
+        lines += [
+            f"  the model steps {_substeps(effects)} times in each step of the grid on which controls come and",
+            "  sensors are read: hold each control over as many, and take the sensors of the first of them",
+        ]
     text = re.sub("-(?=-)", "- ", "\n".join(lines))  # two in a row would end the comment
     return f"<!-- {text}\n-->\n"
 

@@ -97,7 +97,8 @@ class _Search:
 
     def run(self) -> Found:
         """Fit with the noise floor that repeats show; then go on with that of the residual, where it is another."""
-        prepared, start, progress = self.prepared, self._start(), self.progress
+        prepared, progress, earlier = self.prepared, self.progress, self.earlier
+        start = prepared.task.space.nominal if earlier is None else earlier.values
         seed, threads, refinement = self.options.seed, self.options.threads, self._refinement
         rollouts = prepared.rollouts
         progress.of(_step(2), "checking that each parameter moves an output")
@@ -130,9 +131,6 @@ class _Search:
         proposes a value all the same, the verdict names what the log leaves open, and the next action depends on it.
         """
         return self.chosen.checkpoint is None or not isinstance(self.prepared.task, ActionTask)
-
-    def _start(self) -> np.ndarray:
-        return self.prepared.task.space.nominal if self.earlier is None else self.earlier.values
 
     def _find(self, prepared: PreparedLog, start: np.ndarray, before: Found | None = None) -> Found:
         """before: found with another noise floor. A fit begins there; rounds in context are made anew."""

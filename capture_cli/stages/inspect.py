@@ -145,7 +145,13 @@ def _inspect_log(path: Path, seen: Inspection, machine: Task | None, max_log_siz
     seen.header(ZarrStore(path).attributes)
     log = _without_huge(MeasuredLog.read_unchecked(path, max_log_size))
     seen.task = log.task
-    seen.sizes = _sizes(log)
+    seen.sizes = {
+        "recordings": len(log.recordings),
+        "episodes": len(log.episode_ends),
+        "steps": len(log.time),
+        "inputs": len(log.input_names),
+        "outputs": len(log.output_names),
+    }
     findings = seen.findings
     if not len(log.time) or not log.episodes_cover_steps:
         what = f"episode_ends do not divide its {len(log.time)} steps" if len(log.time) else "it is empty"
@@ -164,16 +170,6 @@ def _inspect_log(path: Path, seen: Inspection, machine: Task | None, max_log_siz
     findings += log_findings(seen, machine)
     if machine is not None:
         findings += [*task_findings(log, seen, machine), *wide_bounds(machine)]
-
-
-def _sizes(log: MeasuredLog) -> dict[str, int]:
-    return {
-        "recordings": len(log.recordings),
-        "episodes": len(log.episode_ends),
-        "steps": len(log.time),
-        "inputs": len(log.input_names),
-        "outputs": len(log.output_names),
-    }
 
 
 def _without_huge(log: MeasuredLog) -> MeasuredLog:

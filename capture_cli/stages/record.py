@@ -1,6 +1,6 @@
 """`capture record`: simulate a machine and write what its sensors would have logged; the truth goes to another file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from capture_cli.errors import FitError, OptionError
 from capture_cli.log.arrays import Log, slices_until
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import cut
-from capture_cli.model.tasks.base import ActionTask, Task
+from capture_cli.model.tasks.base import ActionTask
 from capture_cli.options.base import takes_options
 from capture_cli.options.record import RecordOptions
 from capture_cli.simulate.simulator import Simulator
@@ -62,13 +62,14 @@ def record(options: RecordOptions) -> Recording:
     inputs = {"task": machine.path, "inputs_from": options.inputs_from, "policy": policy}
     provenance = Provenance("record", options.recorded(), inputs)
     simulator = Simulator(machine, asked.effects.placed, options.threads)
-    noise_sd = _noise_sd(options.noise, machine)
+    names = [c.name for c in machine.outputs]
+    noise_sd = standard_deviations("--noise", options.noise, names, "the task has no output")
     generator = np.random.default_rng(options.seed)
     point = _point(asked, options, generator)
     driven, outputs = _outputs(options, simulator, point, drive(machine, options, generator))
-    outputs = outputs + np.array([*noise_sd.values()]) * generator.standard_normal(outputs.shape)
+    outputs = outputs + np.array(noise_sd) * generator.standard_normal(outputs.shape)
     log = driven.log(machine, outputs, name=out.stem, source="capture record")
-    known = _truth(simulator, point, noise_sd, options)
+    known = _truth(simulator, point, dict(zip(names, noise_sd, strict=True)), options)
     places = (New(truth), New(out, is_folder=True))
     with new_outputs(*places, force=options.force) as (file, folder):
         write_json(file, known)
@@ -86,13 +87,6 @@ def _refuse_truth(truth: Path, log: Path, *, force: bool) -> None:
             f"--truth {truth} is the log at --out {log}, or in it: whoever reads a log must not find its truth",
             cure="choose another --truth, or leave it out: the truth then goes beside the log",
         )
-
-
-def _noise_sd(noise: Mapping[str, float] | float, machine: Task) -> dict[str, float]:
-    """The standard deviation of each output's noise, in its unit. Raises OptionError."""
-    names = [c.name for c in machine.outputs]
-    sd = standard_deviations("--noise", noise, names, "the task has no output")
-    return dict(zip(names, sd, strict=True))
 
 
 def _outputs(
@@ -115,7 +109,7 @@ def _outputs(
 
 
 def _truth(
-    simulator: Simulator, point: np.ndarray, noise_sd: Mapping[str, float], options: RecordOptions
+    simulator: Simulator, point: np.ndarray, noise_sd: dict[str, float], options: RecordOptions
 ) -> dict[str, Any]:
     """The document of the truth, which stands nowhere in the log. point (parameter,): of the task and its effects."""
     task, values = simulator.task, simulator.space.to_dict(point)
@@ -127,7 +121,7 @@ def _truth(
         "robot": None if options.world == PLANT else options.robot or WORLD.robot,
         "parameters": {name: values[name] for name in task.space.names},
         "effects": {name: values[name] for name in simulator.space.names[len(task.space) :]},
-        "noise_sd": dict(noise_sd),
+        "noise_sd": noise_sd,
         "seed": options.seed,
     }
 

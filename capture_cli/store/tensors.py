@@ -50,12 +50,8 @@ def read_arrays(path: Path, cure: str) -> tuple[dict[str, np.ndarray], dict[str,
     try:
         with safe_open(path, framework="numpy") as file:
             return {name: file.get_tensor(name) for name in file.keys()}, dict(file.metadata() or {})  # noqa: SIM118
-    except (
-        OSError,
-        SafetensorError,
-        TypeError,
-        ValueError,
-    ) as error:  # numpy has not all its types of numbers
+    except (OSError, SafetensorError, TypeError, ValueError) as error:
+        # numpy has not all its types of numbers
         raise StoreError(f"{path} cannot be read: {error}", cure=cure) from error
 
 

@@ -40,11 +40,7 @@ class LabelRefinement:
     """
 
     def __init__(
-        self,
-        signature: Signature,
-        pairs: int,
-        simulate: Simulate,
-        error_rate: Callable[[int], float] | None,
+        self, signature: Signature, pairs: int, simulate: Simulate, error_rate: Callable[[int], float] | None
     ):
         self.signature = signature
         self.simulate = simulate

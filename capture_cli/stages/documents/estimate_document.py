@@ -75,7 +75,8 @@ class Report:
             corrections[self.is_test] = on_test.corrections
         simulated, nominal, diverged = self._curves(corrections)
         recordings = self._recordings(found)
-        whole = self._whole(corrections, simulated)
+        data = self.prepared.data(self.fits.simulator([]))
+        whole = PartFit(data, corrections, data.residual(simulated), np.zeros(len(corrections)))
         held = held_out(self.fits, fit, found.covariance, whole, self.is_test)
         shorter = shorter_step(self.fits, self.result.part, fit, found)
         stamps = time_stamp_jitter(self.prepared, whole, fit.at, ~self.is_test)
@@ -100,13 +101,6 @@ class Report:
         trial = Trial(points, np.repeat(corrections[None], 2, axis=0))
         outputs, diverged = self.prepared.evaluate(self.fits.simulator([]), trial)
         return outputs[0], outputs[1], diverged[0]
-
-    def _whole(self, corrections: np.ndarray, simulated: np.ndarray) -> PartFit:
-        """The whole log at the estimate: `simulated` (window, step, output), and `corrections` (window, state), the
-        corrections of initial states.
-        """
-        data = self.prepared.data(self.fits.simulator([]))
-        return PartFit(data, corrections, data.residual(simulated), np.zeros(len(corrections)))
 
     def _predicted(self, corrections: np.ndarray) -> Predicted:
         """Errors in open loop of the model as it was declared, and with the estimate; corrections (window, state)."""

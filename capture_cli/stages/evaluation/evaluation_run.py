@@ -74,11 +74,7 @@ def carry_out(plan: EvaluationPlan, options: EvalSim2SimOptions, place: Path | N
         return f"{count} of {len(plan.parts())} parts are kept" if count else ""
 
     with resumable_directory(
-        place or options.out,
-        kept=kept,
-        scaffold=(PARTS, RECIPE),
-        force=options.force,
-        resume=options.resume,
+        place or options.out, kept=kept, scaffold=(PARTS, RECIPE), force=options.force, resume=options.resume
     ) as folder:
         _begin(folder, plan)
         _run(plan, folder, options.quiet)

@@ -163,10 +163,7 @@ def _announce(
 
 
 def _evaluate_all(
-    plans: dict[Cell, EvaluationPlan],
-    asked: dict[Cell, EvalSim2SimOptions],
-    folder: Path,
-    quiet: bool,
+    plans: dict[Cell, EvaluationPlan], asked: dict[Cell, EvalSim2SimOptions], folder: Path, quiet: bool
 ) -> dict[str, dict[str, Any]]:
     """evaluation.json of every cell, by its name; they are written into `folder`, which becomes the suite's."""
     documents = {}
