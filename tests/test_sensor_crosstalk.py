@@ -1,7 +1,5 @@
 """A sensor that picks up a motor's current: found where it is planted, in the sensors next to that motor."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +7,17 @@ import pytest
 from diagnosing import diagnose, look_among
 from machines import ARM, build, machine, run
 
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.split import NewSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model import effects
+from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
 from capture_cli.stages.record import record
 
-PAN_TILT = Path(__file__).parents[1] / "benchmarks" / "machines" / "pan_tilt" / "task.toml"
+MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
+PAN_TILT = MACHINES / "pan_tilt" / "task.toml"
 Crosstalk = effects.REGISTRY.get("sensor-crosstalk")
 
 
@@ -46,6 +49,27 @@ def test_the_current_of_the_other_motor_is_found_in_an_encoder(tmp_path, monkeyp
     assert share["value"] == pytest.approx(0.02, abs=4 * share["sd"]) and share["sd"] < 0.002
     before, after = (document[when]["test"]["normalized"] for when in ("before", "after"))
     assert after < 1.2 < 2 < before
+
+
+def test_initial_states_may_be_as_far_off_as_the_sensor_they_were_read_off(tmp_path):
+    """In an arm the error was 48 floors with the true effect in the model."""
+    task = load_task(str(MACHINES / "arm" / "task.toml"))
+    effect, share = Crosstalk(task.model, "q1+elbow"), -0.05
+    record(
+        task=str(MACHINES / "arm" / "task.toml"),
+        out=tmp_path / "log.zarr",
+        effects=[f"sensor-crosstalk@q1+elbow.share={share}"],
+        noise=1e-3,
+        episodes=4,
+        duration=3.0,
+        rate=250.0,
+        seed=3,
+    )
+    prepared = prepare(MeasuredLog.read(tmp_path / "log.zarr"), task, split=NewSplit(seed=0))
+    begin = np.append(prepared.task.space.nominal, share)
+    fit = ModelFits(prepared, 1).fit(prepared, [Placed("sensor-crosstalk@q1+elbow", effect)], begin)
+    assert fit.point[-1] == pytest.approx(share, rel=0.05)
+    assert fit.error < 1.1
 
 
 def test_the_force_that_the_actuator_gives_is_what_is_picked_up():

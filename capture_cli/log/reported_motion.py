@@ -12,6 +12,8 @@ from capture_cli.common.frozen import frozen
 class SETTINGS:
     most_late: float = 0.25  # s, before a window begins that the sensors' numbers are looked at
     knot_interval: float = 0.025  # s, or one sample where they are further apart
+    # s, within which what a sensor shows beside the motion (a motor's force) may grow to its most
+    growth: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,11 @@ class ReportedMotion:
             if turning is not None:
                 found[:, turning] = SETTINGS.most_late * turned
         return found * self.read[:, None]
+
+    def off_by(self, beside: np.ndarray, states: int) -> np.ndarray:
+        """How far states may be off, (window, state), where sensors show up to `beside` (column,) beside the motion."""
+        every = np.repeat(beside[None], len(self.path), axis=0)
+        return np.abs(self._of_states(every, every / SETTINGS.growth, states)) * self.read[:, None]
 
     def of_coordinates(self, numbers: np.ndarray, count: int) -> np.ndarray:
         """Mean of numbers (window, column) over the columns that each of so many positions was read off, (window,

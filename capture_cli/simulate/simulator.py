@@ -177,6 +177,12 @@ class Simulator:
         """Whether a simulation may begin before its window does: where a sensor reports late."""
         return any(own.effect.reports_late for own in self._placed)
 
+    @property
+    def most_picked_up(self) -> np.ndarray:
+        """The most that each column of sensordata may show of the forces of actuators, (column,)."""
+        every = [own.effect.most_picked_up for own in self._placed]
+        return np.max(every, axis=0, initial=0.0) if every else np.zeros(self.task.model.nsensordata)
+
     def hidden_sd(self, windows: Windows) -> np.ndarray:
         """How well hidden states are known at the start of each window, (window, hidden state): 0 for certain.
 

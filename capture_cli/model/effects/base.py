@@ -382,6 +382,13 @@ class Effect(ABC):
         """
         return sensors
 
+    @property
+    def most_picked_up(self) -> np.ndarray:
+        """The largest size of what `pick_up` adds to each column of sensordata, (column,): an initial state that was
+        read off the sensor may be as far off, for `true_motion` does not know the force.
+        """
+        return np.zeros(self.model.nsensordata)
+
     def measure(
         self,
         sensors: np.ndarray,
