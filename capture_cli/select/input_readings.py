@@ -16,6 +16,7 @@ from capture_cli.estimate.balance.input_timing import (
     is_surely_better,
     likeliest,
 )
+from capture_cli.estimate.balance.screening import SETTINGS as SCREENING
 from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.log_balance import with_timings
@@ -32,6 +33,7 @@ from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import chance, gain_by_bic
 
 NARROW = BeamSettings(width=2, branches=2, pairs=4)
+EFFECTS = 8  # of one reading, with each of which other readings are judged
 PreparedAs = Callable[[Task], PreparedLog]
 
 
@@ -75,18 +77,24 @@ class Reading:
         return is_surely_better(other.model.likelihood, self.model.likelihood)
 
     def likelier(self) -> Reading | None:
-        """Of inputs that change evenly: another reading that predicts more, with no effect or with that of the model,
-        and its best model; None where there is none.
+        """Of inputs that change evenly: another reading that predicts more, and its best model of one effect at most;
+        None where there is none.
+
+        Each reading is judged by the best of the same models: an effect may make up for a wrong one.
         """
-        ours = self.screening.fitted(self.declared), self.model
+        models = self.screening.all_fitted([self.declared, self.model, *self._best_additions()])
+        ours = _likeliest_model(models)
 
         def asked(hold: Hold) -> Likelihoods:
             own = self._screening_as(hold)
-            pairs = [(known.likelihood, own.judged(known).likelihood) for known in ours]
-            return max(pairs, key=lambda pair: (pair[1] - pair[0]).sum())
+            return ours.likelihood, _likeliest_model([own.judged(m) for m in models]).likelihood
 
         hold = likeliest(asked, self.screening.balance)
         return None if hold == self.hold else self.with_best(hold).with_best_of([self])
+
+    def _best_additions(self) -> list[BalancedModel]:
+        """Models with each of the effects that promise most."""
+        return [a.model for a in self.screening.additions((), (), SCREENING.polished_for_best)[:EFFECTS]]
 
     def with_two(self) -> Reading:
         """With the best model of two effects, or laws at all of their places, if that is surely better."""
@@ -96,7 +104,12 @@ class Reading:
     def with_best_of(self, others: Sequence[Reading]) -> Reading:
         """The reading with the best of its own model and of those of others, fitted in its screening."""
         models = [self.model, *(self.screening.fitted(other.model) for other in others)]
-        return replace(self, model=max(models, key=lambda m: m.likelihood.sum()))
+        return replace(self, model=_likeliest_model(models))
+
+
+def _likeliest_model(models: Sequence[BalancedModel]) -> BalancedModel:
+    """The one that predicts most; one that runs away predicts nothing."""
+    return max(models, key=lambda m: np.nan_to_num(m.likelihood.sum(), nan=-np.inf))
 
 
 def timings_with_effects(
