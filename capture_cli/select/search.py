@@ -324,9 +324,9 @@ class Attribution:
 
     def _next(self, current: Fit) -> Fit | None:
         """The model with what is accepted next; None where nothing is: what the force balance puts first, or what
-        simulations alone tell of where that is better, and, before it is said that nothing explains the log, what
-        simulations tell of the rest: of friction on a body at rest the balance has no derivative. Simulations are not
-        asked where the balance leaves too little for another to matter.
+        simulations alone tell of where that is better. Where the balance finds nothing that the declared model lacks,
+        simulations tell of everything: of friction on a body at rest the balance has no derivative. They are not asked
+        where the balance leaves too little for another to matter.
         """
         self.models.held = []
         if self._told:
@@ -343,9 +343,8 @@ class Attribution:
             if self.models.is_explained(current):
                 return None if choice is None else self._with(*choice, current)
             if choice is None or self._leaves_much(choice[0].fit, current):
-                choice = self._better(choice, self._by_simulation(current, choice))
-            if choice is None and not (self.accepted or self.given):
-                choice = self._by_simulation(current, covered=True)
+                everything = choice is None and not (self.accepted or self.given)
+                choice = self._better(choice, self._by_simulation(current, choice, everything=everything))
         return None if choice is None else self._with(*choice, current)
 
     def _shorter_steps(self, current: Fit) -> Choice | None:
@@ -416,14 +415,14 @@ class Attribution:
         return chosen.fit
 
     def _by_simulation(
-        self, current: Fit, rival: Choice | None = None, *, covered: bool = False
+        self, current: Fit, rival: Choice | None = None, *, everything: bool = False
     ) -> Choice | None:
-        """The best of what simulations alone tell of, with its rivals. Where something is hit that is everything: of
-        impacts the balance has seen nothing. rival: what the balance found. covered: of what the balance covers.
+        """The best of what simulations alone tell of, or of everything, with its rivals. Where something is hit that is
+        everything: of impacts the balance has seen nothing. rival: what the balance found.
         """
         screening = self.models.screening(self._step)
-        told = frozenset() if screening is None or screening.hits else screening.covered
-        outside = [c for c in self._outside if (c.name in told) == covered]
+        told = frozenset() if everything or screening is None or screening.hits else screening.covered
+        outside = [c for c in self._outside if c.name not in told]
         patient = not (self.accepted or rival)
         asked = outside if patient else self._asked_again(outside, current)
         if not asked:
