@@ -109,9 +109,15 @@ def test_threads_do_not_change_a_bit(puck, threads):
 
 
 def test_effects_of_impacts_are_left_to_simulations(puck):
-    contacts = ("contact-friction@table", "contact-restitution@puck", "geom-scale@wall")
+    friction = {"contact-friction@table", "contact-friction@puck"}
+    contacts = friction | {"contact-restitution@puck", "geom-scale@wall"}
     few = [p for p in puck.placed if p.name in contacts]
-    assert puck.screening(few).covered == {"contact-friction@table"}
+    assert puck.screening(few).covered == friction
+
+
+def test_friction_of_a_geom_that_has_less_than_its_partner_does_nothing_at_first(puck):
+    thresholds = {p.name: p.effect.has_threshold for p in puck.placed if p.kind == "contact-friction"}
+    assert thresholds["contact-friction@puck"] and not thresholds["contact-friction@table"]
 
 
 def test_a_log_that_is_mostly_impacts_is_smoothed_between_them_and_one_of_impacts_alone_is_not(puck):

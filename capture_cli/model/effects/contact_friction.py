@@ -18,6 +18,12 @@ class ContactFriction(ContactEffect):
     summary = "contacts slide more or less easily than modelled"
 
     @property
+    def has_threshold(self):
+        """Beside a geom that has more friction it does nothing until it has the most."""
+        friction = self.model.geom_friction[:, 0]
+        return self.pair < 0 and bool((friction[self.partners] > friction[self.geoms[0]]).any())
+
+    @property
     def parameters(self):
         own = (
             self.model.pair_friction[self.pair] if self.pair >= 0 else self.model.geom_friction[self.geoms[0]]
