@@ -27,14 +27,14 @@ class SETTINGS:
 def escaped(
     fits: ModelFits, part: PreparedLog, fit: Fit | None, rival: Fit | None, descend: Callable[..., Fit | None]
 ) -> Fit | None:
-    """The fit after as many escapes from local minima as contacts may need; `fit` where there is none.
+    """The fit after as many escapes from local minima as contacts or stops may need; `fit` where there is none.
 
     descend(point (parameter,), corrections (window, state)) -> a fit of the same model. rival: another model's fit.
     """
-    for _ in range(SETTINGS.escapes if part.difference_step else 1):
+    for _ in range(SETTINGS.escapes if fit is not None and fit.at.data.rough else 1):
         if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
             break
-        way = better_minimum(fits, part, fit, whole_step=bool(part.difference_step))
+        way = better_minimum(fits, part, fit, whole_step=fit.at.data.rough)
         further = None if way is None else descend(*way)
         if further is None or further.penalised_squares >= fit.penalised_squares:
             break
