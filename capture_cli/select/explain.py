@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.intervals import Intervals, intervals
 from capture_cli.estimate.time_step import shorter_step
+from capture_cli.model.effects.placed import Placed
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.experiment.excitation_range import ExcitationRange
 from capture_cli.select.experiment.next_experiment import next_experiment
@@ -303,21 +305,26 @@ class _Protocol:
         return self.parts.windows(FIT, SELECT) if model.is_refitted else self.parts.fitted
 
     def _attribution(
-        self, candidates: Sequence[Candidate] | None = None, known: Sequence[str] = ()
+        self, candidates: Sequence[Candidate] | None = None, known: Sequence[Placed] = ()
     ) -> Attribution:
-        """Of the whole catalogue, or of `candidates`. known: names of the effects that were found before."""
+        """Of the whole catalogue, or of `candidates`. known: the effects that were found before."""
+
+        def step(what: str, number: int, total: int, found: Sequence[Placed]) -> None:
+            own, closing = [*known, *found], self.closing
+            # in shorter steps what follows the search takes as many times longer
+            slower = prod(e.effect.substeps for e in own)
+            self.limit.keep((closing.after_search if candidates is None else closing.whole) * slower)
+            self.limit.check()
+            self.on_step(what, number, total, [e.name for e in own])
+
         return Attribution(
             self.fits,
             self.parts.folds,
             seed=self.settings.seed,
             most_effects=self.settings.most_effects,
             candidates=candidates,
-            on_step=lambda what, number, total, found: self._step(what, number, total, [*known, *found]),
+            on_step=step,
         )
-
-    def _step(self, what: str, number: int, total: int, found: Sequence[str]) -> None:
-        self.limit.check()
-        self.on_step(what, number, total, found)
 
     def _first(self, compared: ModelComparison, declared: Fit) -> JudgedModel:
         """The declared model. How long it takes tells what is to be kept free for the last one."""
@@ -437,7 +444,7 @@ class _Protocol:
         terms = expression_terms(task.model, [c.index for c in task.inputs])
         if not terms:
             return None
-        search = self._attribution([Candidate(term) for term in terms], [e.name for e in last.effects])
+        search = self._attribution([Candidate(term) for term in terms], last.effects)
         found = search.run(self._from_best(last, after.again))
         if search.out_of_time:
             raise OutOfTime

@@ -116,7 +116,7 @@ class Attribution:
         seed: int,
         most_effects: int = SETTINGS.most_effects,
         candidates: Sequence[Candidate] | None = None,
-        on_step: Callable[[str, int, int, Sequence[str]], None] = lambda *_: None,
+        on_step: Callable[[str, int, int, Sequence[Placed]], None] = lambda *_: None,
     ):
         self.models = ModelComparison(fits, folds, seed=seed)
         self.most_effects = most_effects
@@ -314,7 +314,7 @@ class Attribution:
         return current
 
     def _step(self, what: str, number: int, total: int) -> None:
-        self.on_step(what, number, total, [a.name for a in self.accepted])
+        self.on_step(what, number, total, [a.placed for a in self.accepted])
 
     @property
     def _outside(self) -> list[Candidate]:

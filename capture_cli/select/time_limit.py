@@ -51,6 +51,10 @@ class TimeLimit:
         finally:
             self._until = before
 
+    def keep(self, seconds: float) -> None:
+        """From here on, what checks is stopped when no more than these are left, until what is around it ends."""
+        self._until = min(self._until, self.deadline - seconds)
+
     def made(self, make: Callable[[], Made], what: str, *, keeping: float) -> Made | None:
         """What `make` makes; None where it was stopped, and `what` is left out. keeping: as of `keeping`."""
         around = self._until
