@@ -14,6 +14,7 @@ from capture_cli.errors import CaptureError, OutOfTime
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.report.diagnosis_findings import notes, placed
 from capture_cli.select import explain as explaining
+from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings
 from capture_cli.select.explanation import Explanation
 from capture_cli.select.search import Attribution
@@ -172,6 +173,20 @@ def test_what_is_around_stops_what_is_within(monkeypatch):
     assert limit.left_out == []
     with limit.keeping(2.0):
         assert limit.made(late, "a", keeping=4.0) is None and limit.left_out == ["a"]
+
+
+def test_in_shorter_steps_more_is_kept_for_what_follows_a_search(monkeypatch):
+    monkeypatch.setattr(TimeLimit, "now", lambda _=None: 80.0)
+    prepared = Made.of("slider", episodes=1).prepared
+    protocol = explaining._Protocol(prepared, Settings(threads=1, limit=TimeLimit(100.0)), lambda *_: None, 0)
+    protocol.closing = explaining._Closing(refit=1.0, whole=2.0)
+    quarter = next(c.placed for c in all_candidates(prepared) if c.placed.effect.substeps == 4)
+    search = protocol._attribution()
+    with protocol.limit.keeping(protocol.closing.after_search):
+        search.on_step("score", 0, 1, [])
+        with pytest.raises(OutOfTime):
+            search.on_step("score", 0, 1, [quarter])
+    protocol.limit.check()
 
 
 @pytest.fixture(scope="module")
