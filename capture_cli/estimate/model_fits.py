@@ -1,7 +1,5 @@
 """Fits of a task with effects to parts of a prepared log. What `diagnose` compares."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

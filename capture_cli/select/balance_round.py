@@ -1,7 +1,5 @@
 """One round of the search where the log gives a force balance: the best sets of effects there, fitted by simulation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Scores of effects from the force balance: all at once, without a simulation, wherever the log gives a balance."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 

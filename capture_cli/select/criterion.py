@@ -1,7 +1,5 @@
 """When an effect is accepted: it must hold on data it was not fitted to, and be worth its parameters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

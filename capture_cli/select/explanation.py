@@ -1,7 +1,5 @@
 """What explains a log: the declared model and each with one more effect, what judges them, and the verdict."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -5,8 +5,6 @@ rules that hold for the catalogue. (Sparse regression as in Brunton et al. 2016,
 neither accelerations nor noise-free states are needed.) The time t is that since the log's first sample.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """One round of forward selection: score every candidate, fit the model with each of the best, choose one that holds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Other minima of a model's error that explain a log as well: where contacts make it rough, and at ends of shapes."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

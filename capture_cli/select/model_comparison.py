@@ -1,7 +1,5 @@
 """Models with effects against each other: each fitted once, judged on what it was not fitted to, and compared."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

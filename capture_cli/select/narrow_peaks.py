@@ -1,7 +1,5 @@
 """At which values of a shape with narrow peaks is an effect worth simulating? All are judged, the best are chosen."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Values and effects of an estimate or a diagnosis, made of its document again."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

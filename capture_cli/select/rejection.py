@@ -1,7 +1,5 @@
 """Data against an effect that lies in its fit: values at the end of a range, or next to nothing explained."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from capture_cli.common.frozen import frozen

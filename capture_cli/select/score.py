@@ -5,8 +5,6 @@ parameters and the initial states can imitate is projected off; the step is kept
 decrease of the objective to be expected, to first order (a score test, Rao 1948, with the nuisances profiled out).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The time that a run is given: what is stopped when what follows needs the rest, and what was left out for that."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

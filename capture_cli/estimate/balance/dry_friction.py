@@ -1,7 +1,5 @@
 """Dry friction as MuJoCo has it: a soft constraint that holds a joint up to its frictionloss, and lets it creep."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from scipy.special import ndtr

@@ -4,8 +4,6 @@ What rests on something presses along a coordinate that no sensor shows, and sli
 contact whose normal moves a measured coordinate is a force that the log does not tell, and its steps are left out.
 """
 
-from __future__ import annotations
-
 from copy import copy
 
 import mujoco

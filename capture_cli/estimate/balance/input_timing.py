@@ -8,8 +8,6 @@ that is not there. The force balance tells: what the declared model predicts of 
 the input read one way and the other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

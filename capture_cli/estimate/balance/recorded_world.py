@@ -1,7 +1,5 @@
 """What forces see along a motion that is known, where nothing has to be simulated."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import mujoco

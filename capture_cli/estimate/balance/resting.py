@@ -4,8 +4,6 @@ A puck's height, a tool's turn about an axis that nothing turns it about: what i
 and the model moves what is not. Only where that rests is it known: what moves depends on what the model may lack.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

@@ -1,7 +1,5 @@
 """Kinematic trees: what moves in one has no inertia in another, so that matrices fall into a block for each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

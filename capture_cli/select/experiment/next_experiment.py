@@ -1,7 +1,5 @@
 """The experiment that would separate effects that a log leaves tied."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
