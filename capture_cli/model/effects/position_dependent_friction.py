@@ -23,8 +23,9 @@ class PositionDependentFriction(JointForce):
     def parameters(self):
         middle, travel = self.middle, self.reach
         length = self.unit("m", "rad")
+        farthest = 1.5 * travel  # the flank of a patch that the joint does not get to shows, too
         return (
             Parameter("friction", self.unit("N", "N m"), 0.0, self.characteristic_force, 0.0),
-            Parameter("centre", length, middle - travel, middle + travel, middle),
+            Parameter("centre", length, middle - farthest, middle + farthest, middle),
             Parameter("width", length, 0.02 * self.characteristic_travel, travel, 0.15 * travel),
         )
