@@ -76,7 +76,7 @@ def test_noise_floor_of_smooth_signal_and_white_noise(order):
 
 @pytest.mark.parametrize("cutoff", [1 / 16, 1 / 8])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_noise_that_a_filter_has_passed_shows_by_samples_that_are_farther_apart(cutoff, seed):
+def test_noise_that_a_filter_has_passed_shows_in_the_spectrum(cutoff, seed):
     time = np.linspace(0, 8, 2000)
     signal = 0.1 * np.sin(3 * time) + 0.02 * np.sin(17 * time)
     noise = 1e-3 * np.random.default_rng(seed).standard_normal(len(time))
@@ -88,17 +88,28 @@ def test_noise_that_a_filter_has_passed_shows_by_samples_that_are_farther_apart(
     assert noise_and_spacing([[signal + noise]], [[time]])[0][1] == 1
 
 
-def test_where_a_channel_moves_too_fast_others_show_how_far_the_loggers_filter_reaches():
+@pytest.mark.parametrize("seed", range(3))
+def test_where_a_channel_moves_too_fast_others_show_what_the_loggers_filter_leaves(seed):
+    """The motion of one has components up to 35 Hz, where the filter acts: from 31 Hz on."""
+    generator = np.random.default_rng(seed)
     time = np.linspace(0, 8, 2000)
-    noise = 1e-3 * np.random.default_rng(3).standard_normal((2, len(time)))
-    slow, fast = np.sin(3 * time), np.sin(3 * time) + 0.01 * np.sign(np.sin(5 * time))
+    noise = [1e-3, 2e-3] * generator.standard_normal((len(time), 2))
+    hertz = np.arange(1, 36)
+    waves = np.sin(2 * np.pi * (hertz * time[:, None] + generator.uniform(size=len(hertz))))
+    slow, fast = np.sin(3 * time), waves @ np.exp(-0.2 * hertz)
     numerator, denominator = butter(2, 0.25)
-    seen = [[lfilter(numerator, denominator, s + n)[200:]] for s, n in zip((slow, fast), noise, strict=True)]
+    seen = [
+        [lfilter(numerator, denominator, motion + own)[200:]]
+        for motion, own in zip((slow, fast), noise.T, strict=True)
+    ]
     times = [[time[200:]]] * 2
-    alone, (_, (found, spacing)) = noise_and_spacing(seen[1:], times[1:]), noise_and_spacing(seen, times)
-    only_noise = lfilter(numerator, denominator, noise[1])[200:].std()
-    assert alone[0][1] == 1 and spacing > 1
-    assert found == pytest.approx(only_noise, rel=0.5)
+    ((alone, _),), (_, (found, spacing)) = (
+        noise_and_spacing(seen[1:], times[1:]),
+        noise_and_spacing(seen, times),
+    )
+    only_noise = lfilter(numerator, denominator, noise[:, 1])[200:].std()
+    assert found == pytest.approx(only_noise, rel=0.25) and 3 <= spacing <= 5
+    assert alone < 0.75 * only_noise
 
 
 @settings(deadline=None)

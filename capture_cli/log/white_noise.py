@@ -4,8 +4,8 @@ A difference of order p of a smooth signal vanishes as p grows, while that of wh
 s^2 (2p)! / (p!)^2. The order is the first after which the estimate no longer falls. Large differences (impacts, dropped
 samples) are trimmed.
 
-Noise that a low-pass has passed is smooth, too: the estimate falls with every order. Samples that are farther apart
-than the filter remembers have white noise again.
+Noise that a low-pass has passed is smooth, too: the estimate falls with every order. Then its spectrum tells
+(noise_spectrum.py).
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,6 +15,7 @@ from math import comb
 import numpy as np
 
 from capture_cli.common.frozen import frozen
+from capture_cli.log.noise_spectrum import filtered_noise
 
 ORDERS = range(2, 9)
 
@@ -27,12 +28,6 @@ class SETTINGS:
     # the largest kept of few lies a little above the quantile of the share that they are
     place: float = 1 / 3
     uneven: float = 0.01  # of the sampling interval: files round times
-    # samples between those that are compared behind a filter
-    apart: tuple[int, ...] = (2, 3, 4, 6, 8, 12, 16)
-    # power of the spacing by which what is there may grow and pass for noise: that of a random walk
-    growth: float = 0.5
-    # of a series' own standard deviation: samples that are too far apart for its motion show that as noise
-    of_motion: float = 0.1
 
 
 def trimmed_sd(numbers: np.ndarray) -> float:
@@ -57,63 +52,19 @@ def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) 
 def noise_and_spacing(
     series: Sequence[Sequence[np.ndarray]], times: Sequence[Sequence[np.ndarray]]
 ) -> list[tuple[float, int]]:
-    """Of each channel what `from_differences` says, and of how many samples one has noise of its own: 1 of white noise.
-
-    A logger has one filter: it reaches as far in each channel as in the one that shows it farthest, also where a
-    channel moves too fast to show it.
+    """Of each channel what `from_differences` says, and of how many samples one has noise of its own: 1 of white
+    noise.
     """
-    pairs = list(zip(series, times, strict=True))
-    found = [_white_or_filtered(*pair) for pair in pairs]
-    filtered = max((spacing for _, spacing in filter(None, found)), default=1)
-    for k, (own, there) in enumerate(pairs):
-        near = found[k]
-        if near is not None and near[1] in (1, filtered):
-            continue
-        told = _noise_at(own, there, filtered)
-        most = _most(own) if near is None else _grown(near, filtered)
-        if told is not None and told[0] < most:
-            found[k] = told
-        elif near is None:
-            found[k] = (_by_order(own, there) or [0.0])[-1], 1
+    white = [white_noise(own, there) for own, there in zip(series, times, strict=True)]
+    rest = [k for k, noise in enumerate(white) if noise is None]
+    filtered = dict(zip(rest, filtered_noise([series[k] for k in rest]), strict=True))
+    found = []
+    for k, noise in enumerate(white):
+        if noise is not None:
+            found.append((noise, 1))
+        else:
+            found.append(filtered[k] or ((_by_order(series[k], times[k]) or [0.0])[-1], 1))
     return found
-
-
-def _white_or_filtered(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> tuple[float, int] | None:
-    """The noise of a channel and its spacing; behind a filter that from which on samples that are farther apart show
-    hardly more of it, while of the motion they show the more. None where there is none such.
-    """
-    if (white := _noise_at(series, times, 1)) is not None:
-        return white
-    near = None
-    for spacing in SETTINGS.apart:
-        far = _noise_at(series, times, spacing)
-        settles = near is not None and far is not None and far[0] < _grown(near, spacing)
-        if settles and near[0] < _most(series):
-            return near
-        near = far
-    return None
-
-
-def _grown(near: tuple[float, int], spacing: int) -> float:
-    """How much noise there may be at a spacing, where that and the spacing of nearer samples are `near`."""
-    noise, own = near
-    return noise * (spacing / own) ** SETTINGS.growth
-
-
-def _noise_at(
-    series: Sequence[np.ndarray], times: Sequence[np.ndarray], spacing: int
-) -> tuple[float, int] | None:
-    """The noise of every so many-th sample, from each of the first ones on, and the spacing; None where the estimate
-    keeps falling.
-    """
-    apart = [[own[first::spacing] for own in part for first in range(spacing)] for part in (series, times)]
-    noise = white_noise(*apart)
-    return None if noise is None else (noise, spacing)
-
-
-def _most(series: Sequence[np.ndarray]) -> float:
-    """The noise that a moving channel may have and still show its motion."""
-    return SETTINGS.of_motion * float(np.concatenate(series).std())
 
 
 def white_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float | None:
