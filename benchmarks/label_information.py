@@ -10,6 +10,9 @@ Computed exactly: the posterior after every sequence of labels, and success afte
 them at PLACES. Questions before these are at the median of what is left, and a sequence less likely than RARE is
 answered without further ones: so each figure is a lower bound of the best. After five rounds to plan three adds 0.008
 at most.
+
+Beside the best stands what `capture-refined` makes of such labels, of a balance point and under actions that are
+exactly those asked for: PAIRS pairs.
 """
 
 from __future__ import annotations
@@ -20,6 +23,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.base import Benchmark, Figure, Result
+from capture_cli.context.identifiers._label_refinement import LabelRefinement
+from capture_cli.context.identifiers.base import Signature
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.tasks.base import Feature
 
 CELLS, REACH = 101, 2  # of the range; of cells on either side of an answer that are as right
 TOLERANCE = (2 * REACH + 1) / CELLS / 2  # of the range: 0.0495 half-lengths
@@ -27,6 +34,7 @@ ROUNDS = (3, 5, 8, 10)
 FIRST_QUESTIONS, PLACES = 8, 21  # midpoints of as many parts of the range; quantiles of the posterior
 RARE = 1e-5
 LABELS = 3
+PAIRS = 4000
 
 
 @dataclass(frozen=True)
@@ -76,13 +84,32 @@ KNOWN: dict[str, Callable[[int], Noise]] = {
 }
 
 
+def _any(generator: np.random.Generator, rounds: int) -> np.ndarray:
+    """Of as many as every third label, which are random (pair, round): any as likely as any other."""
+    return generator.random((PAIRS, rounds)).argsort(axis=1) < rounds // 3
+
+
+def _thirds(_generator: np.random.Generator, rounds: int) -> np.ndarray:
+    """Every third label is random, (pair, round)."""
+    return np.tile([_every_third(rounds, 2)], (PAIRS, 1)) == 1
+
+
+# what is random, of which it knows nothing
+READ = {
+    "as many are random, as capture-refined reads them": _any,
+    "every third is random, as capture-refined reads them": _thirds,
+}
+
+
 class LabelInformation(Benchmark):
     summary = "what labels can tell of scooping's balance point, some of them random"
 
     def run(self) -> Result:
         figures = []
-        for what, known in KNOWN.items():
-            first, *others = [success(known(rounds), rounds) for rounds in ROUNDS]
+        at_best = {what: [success(known(n), n) for n in ROUNDS] for what, known in KNOWN.items()}
+        generator = np.random.default_rng(0)
+        read = {what: [read_labels(random(generator, n)) for n in ROUNDS] for what, random in READ.items()}
+        for what, (first, *others) in (at_best | read).items():
             figures.append(Figure(f"success at {ROUNDS[0]}: {what}", first))
             # a name that begins with a space belongs to the one before
             figures += [Figure(f" at {n}", s) for n, s in zip(ROUNDS[1:], others, strict=True)]
@@ -95,6 +122,29 @@ def success(noise: Noise, rounds: int) -> float:
     joint = np.repeat(noise.initial[:, None] / CELLS, CELLS, axis=1)
     told = _told(joint, noise, 0, first).reshape(-1, *joint.shape)
     return sum(_asked_on(after, noise, 1, rounds) for after in told) / len(first)
+
+
+def read_labels(random: np.ndarray, seed: int = 0) -> float:
+    """The share of pairs in which `capture-refined` is right after as many labels as `random` (pair, round) has."""
+    pairs, rounds = random.shape
+    generator = np.random.default_rng(seed)
+    asked, truth = generator.random((2, pairs, 1))
+    drawn = generator.integers(-1, 2, (rounds, pairs, 1, 1))
+    space = ParameterSpace([Parameter("balance_point", "1", 0.0, 1.0, 0.5)])
+    signature = Signature("labels", space, space, (Feature("label", "1", 1.0),), np.zeros(1))
+    refinement = LabelRefinement(signature, pairs, _label, None)
+    for n in range(rounds):
+        right, _ = _label(truth, asked)
+        label = np.where(random[:, n, None, None], drawn[n], right)
+        estimate = refinement.refine(None, asked, asked, right, label).mean
+        asked = refinement.question(estimate)
+    return float((np.abs(estimate - truth) <= TOLERANCE).mean())
+
+
+def _label(points: np.ndarray, scooped: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The label of each scoop point (pair, 1), (pair, 1, 1); none diverges."""
+    off = points - scooped
+    return np.where(np.abs(off) <= TOLERANCE, 0.0, np.sign(off))[:, None], np.zeros(len(off), dtype=bool)
 
 
 def _asked_on(joint: np.ndarray, noise: Noise, asked: int, rounds: int) -> float:

@@ -11,7 +11,7 @@ import benchmarks.coverage as coverage
 from benchmarks import EMPS, MACHINES, REGISTRY, _lines
 from benchmarks._share import share
 from benchmarks.base import Benchmark, Figure, Result, measure
-from benchmarks.label_information import CELLS, KNOWN, REACH, Noise, success
+from benchmarks.label_information import CELLS, KNOWN, REACH, Noise, read_labels, success
 from capture_cli.model.tasks import load_task
 
 
@@ -160,3 +160,9 @@ def test_who_knows_more_about_the_noise_succeeds_more():
     at_best = {what: success(known(5), 5) for what, known in KNOWN.items()}
     none, which, how_many, phase, rate = at_best.values()
     assert none > which > how_many > rate and which > phase
+
+
+def test_a_reader_of_labels_is_as_good_as_may_be_where_none_is_random():
+    at_best = success(KNOWN["no label is random"](3), 3)
+    assert read_labels(np.zeros((400, 3), dtype=bool)) == pytest.approx(at_best, abs=0.07)
+    assert read_labels(np.ones((400, 3), dtype=bool)) < 0.15

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
+from capture_cli.context.identifiers._label_refinement import LabelRefinement
 from capture_cli.context.identifiers._learned import Prediction
 from capture_cli.context.identifiers._refinement import _corrected
 from capture_cli.context.identifiers.base import Signature, run_rounds
@@ -214,6 +215,35 @@ def test_intervals_of_labels_hold_the_truth(noise):
     walk, target, _ = identified(LABELLED, label, lambda n, p: p, rounds=8, noise=noise, pairs=100)
     covered = np.abs(walk.estimates - target[:, None]) <= 1.96 * walk.sd
     assert 0.88 < covered[:, 4:].mean() < 0.995
+
+
+@pytest.mark.parametrize("off", [-0.04, 0.04])
+def test_an_action_that_is_off_is_allowed_for(off):
+    """A policy that scoops beside where it is asked to: what its actions show of that is made up for."""
+    walk, target, _ = identified(LABELLED, label, lambda n, p: p + off, rounds=6, pairs=150)
+    scooped = walk.estimates[:, :, 0] + off
+    assert (np.abs(scooped - target)[:, 5] < 0.05).mean() > 0.95
+
+
+def test_what_is_asked_next_tells_most_of_the_next_estimate():
+    """Held against a plain search of questions and answers."""
+    error, near, pairs = 0.2, 0.025, 16  # `near` of the range, as `label` has it
+    walk, *_ = identified(LABELLED, label, lambda n, p: p, pairs=pairs, rounds=4, noise=every_third)
+    refinement = LabelRefinement(LABELLED, pairs, label, lambda number: error)
+    refinement.recall(walk.rounds)
+    posteriors = refinement._posterior()
+    values = np.linspace(0, 1, posteriors.shape[1])
+
+    def held(posterior, asked):
+        side = np.where(np.abs(values - asked) < near, 0, np.sign(values - asked))
+        after = [np.where(side == told, 1 - error, error / 2) * posterior for told in (-1, 0, 1)]
+        return sum(max(a[np.abs(values - v) < near].sum() for v in values[::8]) for a in after)
+
+    asked = LABELLED.space.to_unit(refinement.question(walk.estimates[:, -1]))[:, 0]
+    worth = np.array([held(*each) for each in zip(posteriors, asked, strict=True)])
+    best = np.array([max(held(p, v) for v in values[::16]) for p in posteriors])
+    assert (worth > 0.9 * best).all()
+    assert worth.mean() > 0.95 * best.mean()
 
 
 def test_a_proposal_does_not_count_labels_twice():

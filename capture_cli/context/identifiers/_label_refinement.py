@@ -4,6 +4,10 @@ What label an action gives is a piecewise constant function of the parameter. It
 the simulator, over the values that are still possible; between two values with the same label it is taken to be the
 same. How often a measured label is wrong is estimated with the parameter.
 
+An estimate is as good as the action chosen for it. Of each value it is seen, too, which others its action would not
+tell from it: the estimate is the value that holds most of the posterior in these, and what is asked for next is the
+value after whose label the estimate is expected to hold most.
+
 What the transformer says is made of the same labels. They are read once, off the simulator: a prior that has seen
 them too would count them twice, and be as sure of a wrong one as of a right one.
 """
@@ -20,8 +24,9 @@ from capture_cli.context.identifiers.base import Rounds, Signature, Simulate, fi
 
 @frozen
 class SETTINGS:
-    values: int = 257  # of the parameter, in all its range
+    values: int = 513  # of the parameter, in all its range
     labels: int = 3
+    questions: int = 15  # quantiles of the posterior, looked at beside the estimate
     negligible: float = 1e-3  # share of the posterior, in all, that is not looked at
     as_good: float = 1 - 1e-9  # stretches that hold this much of the most are as good
     covered: float = 0.95
@@ -48,16 +53,20 @@ class LabelRefinement:
         self.rollouts = np.zeros(pairs, dtype=np.int64)
         self._round = 0
         self._values = np.linspace(0, 1, SETTINGS.values)
-        self._resolution = np.full(pairs, SETTINGS.values)  # as long as it is not known
+        # what an action does not tell from the value that it was chosen for, in values: half the length of the
+        # shortest stretch seen, unknown at first; and how far its middle is off, about values that were asked for
+        self._reach = np.full((pairs, 1), np.inf)
+        self._off = np.zeros((pairs, SETTINGS.values))
+        self._nearest = np.full((pairs, SETTINGS.values), np.inf)  # of these, from each value
         prior = RATE_PRIOR if error_rate is None else np.ones(1)
         self._log = np.tile(np.log(prior)[None, :, None], (pairs, 1, SETTINGS.values))
 
     def refine(self, prior: Prediction, asked, actions, simulated, measured) -> Prediction:
         """The estimate after one more round and its variance, in the task's units.
 
-        The estimate is the middle of the stretch of values that holds most of the posterior, as long as the shortest
-        that no label was seen to tell apart. Its standard deviation is that of a Gaussian whose 95 % interval is as
-        wide as the one about the estimate that holds 95 %. prior: not used, it is made of the same labels.
+        The estimate is the value that holds most with those that its action does not tell from it. Its standard
+        deviation is that of a Gaussian whose 95 % interval is as wide as the one about the estimate that holds 95 %.
+        prior: not used, it is made of the same labels.
         """
         space = self.signature.space
         self._weigh(asked, actions, measured)
@@ -65,6 +74,23 @@ class LabelRefinement:
         estimate = self._fullest(cumulative)
         sd = _half_width(cumulative, estimate) / NORMAL_QUANTILE * space.span
         return Prediction(space.from_unit(estimate[:, None]), np.square(sd)[:, None, None])
+
+    def question(self, estimate: np.ndarray) -> np.ndarray:
+        """What to ask for next (pair, parameter): the value after whose label the next estimate is expected to hold
+        most; the estimate itself (pair, parameter) where none is better.
+        """
+        space = self.signature.space
+        joint, rate = self._joint(), self._rates()[:, None]
+        right, wrong = (joint * (1 - rate)).sum(axis=1), (joint * rate).sum(axis=1) / (SETTINGS.labels - 1)
+        cumulative = np.cumsum(joint.sum(axis=1), axis=1)
+        shares = (np.arange(SETTINGS.questions) + 0.5) / SETTINGS.questions
+        quantiles = [(cumulative < share).sum(axis=1, keepdims=True) for share in shares]
+        asked = np.stack([space.to_unit(estimate) * (SETTINGS.values - 1), *quantiles])
+        expected = np.stack([self._expected(each, right, wrong) for each in asked])
+        expected[0] /= SETTINGS.as_good
+        best = expected.argmax(axis=0)
+        chosen = np.take_along_axis(asked, best[None, :, None], axis=0)[0] / (SETTINGS.values - 1)
+        return np.where(best[:, None] == 0, estimate, space.from_unit(chosen))
 
     def recall(self, earlier: Rounds) -> None:
         """Weigh the rounds that were made before."""
@@ -76,40 +102,67 @@ class LabelRefinement:
         labels = self._labels(self._posterior(), actions)
         self._resolve(labels, self.signature.space.to_unit(asked)[:, 0])
         right = (labels == measured[:, -1])[:, None]
-        rate = (ERROR_RATES if self.error_rate is None else np.array([self.error_rate(self._round)]))[:, None]
+        rate = self._rates()[:, None]
         self._log += np.log(np.where(right, 1 - rate, rate / (SETTINGS.labels - 1)))
         self._round += 1
 
     def _posterior(self) -> np.ndarray:
         """Of each value (pair, value), over all error rates."""
-        posterior = np.exp(self._log - self._log.max(axis=(1, 2), keepdims=True)).sum(axis=1)
-        return posterior / posterior.sum(axis=1, keepdims=True)
+        return self._joint().sum(axis=1)
+
+    def _joint(self) -> np.ndarray:
+        """Of each error rate and value, (pair, rate, value)."""
+        joint = np.exp(self._log - self._log.max(axis=(1, 2), keepdims=True))
+        return joint / joint.sum(axis=(1, 2), keepdims=True)
+
+    def _rates(self) -> np.ndarray:
+        """How often the next label may be wrong (rate,)."""
+        return ERROR_RATES if self.error_rate is None else np.array([self.error_rate(self._round)])
+
+    def _expected(self, asked: np.ndarray, right: np.ndarray, wrong: np.ndarray) -> np.ndarray:
+        """What the estimate is expected to hold (pair,) after the label of a value `asked` for (pair, 1).
+
+        right, wrong: the posterior (pair, value) times how likely the right label is, and each of the others. Below
+        and above what the action does not tell from the value it is taken to give one label each.
+        """
+        off = np.take_along_axis(self._off, np.rint(asked).astype(int), axis=1)
+        beside = np.arange(SETTINGS.values) - asked - off
+        side = np.where(np.abs(beside) <= self._half(), 0, np.sign(beside))
+        after = (np.cumsum(np.where(side == label, right, wrong), axis=1) for label in (-1, 0, 1))
+        return sum(self._held(cumulative).max(axis=1) for cumulative in after)
 
     def _resolve(self, labels: np.ndarray, asked: np.ndarray) -> None:
-        """How many values about the one `asked` for (pair,) an action did not tell apart, the fewest so far: those
-        between two changes of the label.
+        """Which values an action did not tell from the one `asked` for (pair,): those between two changes of the label.
+
+        Actions for other values are taken to do alike, as that for the nearest does.
         """
-        at = np.rint(asked * (SETTINGS.values - 1)).astype(int)
-        other = labels != np.take_along_axis(labels, at[:, None], axis=1)
-        index = np.arange(SETTINGS.values)
-        below = np.where(other & (index < at[:, None]), index, -1).max(axis=1)
-        above = np.where(other & (index > at[:, None]), index, SETTINGS.values).min(axis=1)
-        between = (below >= 0) & (above < SETTINGS.values)
-        self._resolution = np.where(
-            between, np.minimum(self._resolution, above - below - 1), self._resolution
-        )
+        at, index = asked[:, None] * (SETTINGS.values - 1), np.arange(SETTINGS.values)
+        other = labels != np.take_along_axis(labels, np.rint(at).astype(int), axis=1)
+        below = np.where(other & (index < at), index, -1).max(axis=1, keepdims=True)
+        above = np.where(other & (index > at), index, SETTINGS.values).min(axis=1, keepdims=True)
+        between, away = (below >= 0) & (above < SETTINGS.values), np.abs(index - at)
+        self._reach = np.where(between, np.minimum(self._reach, (above - below - 1) / 2), self._reach)
+        nearest = between & (away <= self._nearest)
+        self._off = np.where(nearest, (above + below) / 2 - at, self._off)
+        self._nearest = np.where(nearest, away, self._nearest)
 
     def _fullest(self, cumulative: np.ndarray) -> np.ndarray:
-        """The middle (pair,) of the stretch of `resolution` values that holds most; of several side by side, of all."""
+        """The value (pair,) that holds most; of several side by side, the middle."""
         index = np.arange(SETTINGS.values)
-        reach = (np.where(self._resolution < SETTINGS.values, self._resolution, 1) - 1)[:, None] // 2
-        padded = np.pad(cumulative, ((0, 0), (1, 0)))
-        last = np.take_along_axis(padded, np.minimum(index + reach + 1, SETTINGS.values), axis=1)
-        held = last - np.take_along_axis(padded, np.maximum(index - reach, 0), axis=1)
+        held = self._held(cumulative)
         best = held >= SETTINGS.as_good * held.max(axis=1, keepdims=True)
         first = np.argmax(best, axis=1)
         after = np.where(~best & (index > first[:, None]), index, SETTINGS.values).min(axis=1)
         return (self._values[first] + self._values[after - 1]) / 2
+
+    def _held(self, cumulative: np.ndarray) -> np.ndarray:
+        """What each value holds (pair, value): the posterior of those that its action does not tell from it."""
+        middle, half = np.arange(SETTINGS.values) + self._off, self._half()
+        return _up_to(cumulative, middle + half) - _up_to(cumulative, middle - half)
+
+    def _half(self) -> np.ndarray:
+        """Half the length (pair, 1) of what an action does not tell apart, that of one value where it is not known."""
+        return np.where(np.isfinite(self._reach), self._reach, 0.5)
 
     def _labels(self, posterior: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """The label that each value would give under the action (pair, value); NaN where it does not matter."""
@@ -140,6 +193,15 @@ class LabelRefinement:
         parameters = self.signature.space.from_unit(self._values[value][:, None])
         labels[pair, value] = finite(*self.simulate(parameters, actions[pair]))[:, -1, 0]
         np.add.at(self.rollouts, pair, 1)
+
+
+def _up_to(cumulative: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """How much of a posterior lies below `place` (pair, n), in values, each of which stands for the cell about it."""
+    padded = np.pad(cumulative, ((0, 0), (1, 0)))
+    place = np.clip(place + 0.5, 0, SETTINGS.values)
+    cell = np.minimum(place.astype(int), SETTINGS.values - 1)
+    before, after = (np.take_along_axis(padded, edge, axis=1) for edge in (cell, cell + 1))
+    return before + (place - cell) * (after - before)
 
 
 def _half_width(cumulative: np.ndarray, middle: np.ndarray) -> np.ndarray:

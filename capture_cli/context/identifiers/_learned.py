@@ -150,7 +150,7 @@ class LearnedIdentifier(RoundIdentifier):
         self.history = earlier
 
     def tell(self, actions, simulated, measured) -> None:
-        self.history = self.history.then(self._best, actions, simulated[:, 0], measured)
+        self.history = self.history.then(self.ask()[:, 0], actions, simulated[:, 0], measured)
         self.prediction = self.model.predict(self.history)
         self._best = self.prediction.mean
 

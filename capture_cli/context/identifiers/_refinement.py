@@ -120,6 +120,10 @@ class Refinement:
         x, covariance = (np.stack([getattr(p, name) for p in self._pairs]) for name in ("x", "covariance"))
         return Prediction(space.from_unit(x), covariance * np.outer(space.span, space.span))
 
+    def question(self, estimate: np.ndarray) -> np.ndarray:
+        """What to ask for next (pair, parameter): the estimate, where the next step begins."""
+        return estimate
+
     def recall(self, earlier: Rounds) -> None:
         """Take up the rounds that were made before, with sensitivities at the last of their points."""
         for n in range(earlier.rounds):

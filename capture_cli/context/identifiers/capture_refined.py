@@ -31,6 +31,7 @@ class CaptureRefined(LearnedIdentifier):
         super().__init__(signature, start, model=model, **options)
         if self.simulate is None:
             raise TypeError("capture-refined needs `simulate`")
+        self._asked = self._best
         labels = [f.name for f in signature.features] == ["label"] and len(signature.space) == 1
         self._refinement = (
             LabelRefinement(signature, len(self.start), self.simulate, self.error_rate)
@@ -38,13 +39,18 @@ class CaptureRefined(LearnedIdentifier):
             else Refinement(signature, len(self.start), self.simulate, rough=self.rough)
         )
 
+    def ask(self):
+        return self._asked[:, None]
+
     def recall(self, earlier: Rounds) -> None:
         super().recall(earlier)
         self._refinement.recall(earlier)
 
     def tell(self, actions, simulated, measured) -> None:
-        asked = self._best
         super().tell(actions, simulated, measured)
-        self.prediction = self._refinement.refine(self.prediction, asked, actions, simulated[:, 0], measured)
+        self.prediction = self._refinement.refine(
+            self.prediction, self._asked, actions, simulated[:, 0], measured
+        )
         self._best = self.prediction.mean
+        self._asked = self._refinement.question(self._best)
         self.simulated_rollouts = self._refinement.rollouts.copy()
