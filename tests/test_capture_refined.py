@@ -239,11 +239,14 @@ def test_what_is_asked_next_tells_most_of_the_next_estimate():
         after = [np.where(side == told, 1 - error, error / 2) * posterior for told in (-1, 0, 1)]
         return sum(max(a[np.abs(values - v) < near].sum() for v in values[::8]) for a in after)
 
-    asked = LABELLED.space.to_unit(refinement.question(walk.estimates[:, -1]))[:, 0]
-    worth = np.array([held(*each) for each in zip(posteriors, asked, strict=True)])
+    def worth(asked):
+        return np.array([held(*each) for each in zip(posteriors, LABELLED.space.to_unit(asked), strict=True)])
+
+    estimate = walk.estimates[:, -1]
+    asked = worth(refinement.question(estimate))
     best = np.array([max(held(p, v) for v in values[::16]) for p in posteriors])
-    assert (worth > 0.9 * best).all()
-    assert worth.mean() > 0.95 * best.mean()
+    assert (asked > 0.85 * best).all()
+    assert asked.mean() > max(0.95 * best.mean(), worth(estimate).mean())
 
 
 def test_a_proposal_does_not_count_labels_twice():
