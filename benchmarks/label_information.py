@@ -96,8 +96,8 @@ def _thirds(_generator: np.random.Generator, rounds: int) -> np.ndarray:
 
 # what is random, of which it knows nothing
 READ = {
-    "as many are random, as capture-refined reads them": _any,
-    "every third is random, as capture-refined reads them": _thirds,
+    "as many, read by capture-refined": _any,
+    "every third, read by capture-refined": _thirds,
 }
 
 

@@ -71,6 +71,15 @@ capture gen-histories --task air-hockey --policy runs/policies/air-hockey --nois
 capture train-sysid --histories noisy.zarr --identifier capture-trajectory --width 64 --steps 5000 --batch 128 --out noisy/capture
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier noisy/capture --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-noise-trained
 
+# Scooping: the main table, the same with noise, and where identifiers are told which labels are random.
+on_scooping() { # FOLDER OPTIONS
+  capture eval-sim2sim --task scooping --policy runs/policies/scooping "${@:2}" --identifier runs/sysid/scooping/capture-refined --out "runs/evaluation/$1"
+}
+others="--identifier domain-randomization --identifier runs/sysid/scooping/expert-distillation --identifier runs/sysid/scooping/tunenet --identifier runs/sysid/scooping/capture-trajectory --identifier posterior=runs/sysid/scooping/capture-refined"
+on_scooping scooping $others
+on_scooping scooping-noise --noise label $others
+on_scooping scooping-known-noise --noise label --known-noise
+
 # Scooping: the paper's network, on the pairs of the main table.
 capture gen-histories --task scooping --policy runs/policies/scooping --pairs 8192 --seed 1 --out scooping.zarr
 capture train-sysid --histories scooping.zarr --identifier capture --width 32 --layers 2 --heads 2 --batch 128 --steps 3000 --patience 50 --out runs/sysid/scooping/capture
