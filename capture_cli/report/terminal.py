@@ -98,7 +98,7 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
         ("where", words.strongest_covariate(record) if is_unexplained else ""),
         ("formula", f"{formula} ({error})" if error else formula),
         *_rivals_line(record),
-        ("note", " ".join([*words.suspicions(diagnosis), *words.beside(record)])),
+        *(("note", note) for note in (*words.suspicions(diagnosis), *words.beside(record))),
         ("next", words.next_experiment(record)),
     ):
         if line:
