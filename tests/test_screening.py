@@ -279,12 +279,20 @@ def test_a_payload_shows_by_several_masses_where_none_alone_does_it(monkeypatch)
     made = screening_of_case(
         Case(PLANTED, "pan_tilt", ("payload@camera",), 2.2, 252784246), [0.122], "payload@camera"
     )
-    monkeypatch.setattr(REGISTRY.get("payload"), "mixes", False)
-    at_one_place = Screening(made.balance, made.whitening, made.placed)
-    (alone,) = at_one_place.additions((), (), 0)
+    with monkeypatch.context() as patch:
+        patch.setattr(REGISTRY.get("payload"), "mixes", False)
+        (alone,) = Screening(made.balance, made.whitening, made.placed).additions((), (), 0)
     (together,), (polished,) = made.additions((), (), 0), made.additions((), ())
     assert together.gain > 1.3 * alone.gain
     assert polished.gain > 1.3 * together.gain
+
+
+def test_a_declared_parameter_that_was_driven_to_its_end_is_led_back():
+    """The upper arm's mass falls to its lower bound for want of its centre of mass, with which it makes one moment."""
+    case = Case(PLANTED, "arm", ("com-shift@upper",), 10.0, 1352802202)
+    made = screening_of_case(case, [0.558], "com-shift@upper")
+    (found,) = made.additions((), ())
+    assert made.balance.point[0] == made.space.low[0] < 0.5 < found.model.point[0]
 
 
 def test_a_law_that_all_joints_lack_is_found_at_all_of_them():

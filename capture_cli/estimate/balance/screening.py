@@ -22,7 +22,7 @@ from capture_cli.common.processes import in_processes
 from capture_cli.common.similarity import similarity
 from capture_cli.errors import LogError
 from capture_cli.estimate.balance.dictionary import SETTINGS as DICTIONARY
-from capture_cli.estimate.balance.dictionary import Atom, Mixture, atoms
+from capture_cli.estimate.balance.dictionary import Atom, atoms
 from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted, with_prior
@@ -37,13 +37,13 @@ class SETTINGS:
     """blocks: that are left out in turn. polished: of the best additions, whose nonlinear parameters are fitted in the
     balance; more are, so many times as many at most, until as many predict better than the next one's columns;
     polished_for_best: where one is asked for.
-    descents: of such a fit, where parameters are nonlinear, and straight where they are not. far: its longest
-    step, of a range; shortest: at which it stops early. difference: of a range, in differences of effects. at_once:
-    atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. alike: cosine of
-    responses beyond which effects do not differ. ran_away: of rows, beyond which what others add is lost in rounding.
-    determined: of a declared parameter's range, a standard deviation below which the balance determines it. by_chance:
-    how often the best addition to a model that lacks nothing may be taken for an effect; sure: standard errors of a
-    gain beyond which there is one. remembered: bytes of rows of effects at values that were asked before.
+    descents: steps of such a fit at most. far: its longest step, of a range; shortest: at which it stops early.
+    difference: of a range, in differences of effects. at_once: atoms whose sums are in memory. at_end: of a range,
+    within which a parameter is at its end. alike: cosine of responses beyond which effects do not differ. ran_away: of
+    rows, beyond which what others add is lost in rounding. determined: of a declared parameter's range, a standard
+    deviation below which the balance determines it. by_chance: how often the best addition to a model that lacks
+    nothing may be taken for an effect; sure: standard errors of a gain beyond which there is one. remembered: bytes of
+    rows of effects at values that were asked before.
     """
 
     blocks: int = 12
@@ -51,7 +51,6 @@ class SETTINGS:
     most_polished: int = 3
     polished_for_best: int = 2
     descents: int = 5
-    straight: int = 2
     far: float = 0.3
     shortest: float = 1e-3
     difference: float = 1e-3
@@ -110,23 +109,18 @@ def _with_numbers(models: Sequence[BalancedModel], numbers: Sequence[dict[str, A
 class Addition:
     """A model with one effect more, its last. gain: of predictive log likelihood, over the model without it, and error,
     its standard error over blocks; response (row,): what the effect adds to the white rows, less what the other
-    parameters would. elsewhere: with the effect at other values, of one that mixes.
+    parameters would. elsewhere: with the effect at other shapes, of one that mixes.
     """
 
     model: BalancedModel
     gain: float
     error: float
     response: np.ndarray
-    elsewhere: BalancedModel | None = None
+    elsewhere: tuple[BalancedModel, ...] = ()
 
     @property
     def placed(self) -> Placed:
         return self.model.effects[-1]
-
-    @property
-    def models(self) -> list[BalancedModel]:
-        """With the effect at each of its values."""
-        return [m for m in (self.model, self.elsewhere) if m is not None]
 
     def is_sure(self, tried: int) -> bool:
         """Whether the gain of the best of so many `tried` is beyond chance. Under null a ratio of predictive
@@ -259,10 +253,26 @@ class Screening:
         """The models of each addition to `begin`, fitted when they are asked for."""
         keys = [("polished", begin.key, a.placed.name) for a in asked]
         new = [a for a, key in zip(asked, keys, strict=True) if not self.knows(key)]
-        fitted = in_processes(lambda a: [self.fitted(m).numbers for m in a.models], new, self.balance.threads)
+        fitted = in_processes(
+            lambda a: [self.fitted(m).numbers for m in self._begun(a)], new, self.balance.threads
+        )
         with closing(fitted):
             for addition, key in zip(asked, keys, strict=True):
-                yield self.remembered(key, lambda a=addition: _with_numbers(a.models, next(fitted)))
+                yield self.remembered(key, lambda a=addition: _with_numbers(self._begun(a), next(fitted)))
+
+    def _begun(self, addition: Addition) -> list[BalancedModel]:
+        """Where fits of an addition begin: with each of its shapes; and, of one that changes the model, with declared
+        parameters that are at an end of their range at nominal. They may have been driven there for want of it: a mass
+        for want of a moment, which is a product with it.
+        """
+        model = addition.model
+        near = SETTINGS.at_end * self.space.span
+        at_end = (model.point <= self.space.low + near) | (model.point >= self.space.high - near)
+        free = np.where(at_end, self.space.nominal, model.point)
+        others = addition.elsewhere
+        if addition.placed.effect.place == "model" and (free != model.point).any():
+            others = (*others, replace(model, point=free))
+        return [model, *others]
 
     def screened(self, model: BalancedModel) -> list[Addition]:
         """Of each effect that is not in the model, best first, from columns alone: none is polished."""
@@ -500,8 +510,7 @@ class Screening:
             return model
         low, high = self._bounds(model)
         best, least, far = model, np.inf, SETTINGS.far
-        nonlinear = any(e.effect.shapes for e in model.effects)
-        for _ in range(SETTINGS.descents if nonlinear else SETTINGS.straight):
+        for _ in range(SETTINGS.descents):
             self.on_work()
             target, columns = self._system(model)
             target, columns = self._white(target)[:, 0], self._white(columns)
@@ -533,7 +542,7 @@ class Screening:
         blocks = [np.flatnonzero(row_block == b) for b in range(len(base.count))]
         first = np.cumsum([0] + [len(a.scale) for a in self.atoms])
         names = {e.name for e in model.effects}
-        best: dict[tuple[str, bool], Addition] = {}
+        best: dict[tuple[str, int], Addition] = {}
         for size in sorted({len(a.scale) for a in self.atoms}):
             numbers = [
                 k for k, a in enumerate(self.atoms) if len(a.scale) == size and a.placed.name not in names
@@ -553,7 +562,7 @@ class Screening:
                 for k, number in enumerate(some):
                     atom, coefficients = self.atoms[number], gain.coefficients[k]
                     amplitudes = coefficients[-size:][: len(atom.known)] * atom.known
-                    key = atom.placed.name, isinstance(atom, Mixture)
+                    key = atom.placed.name, number if atom.placed.effect.mixes else 0
                     known_best = best.get(key)
                     if not (np.isfinite(gain.mean[k]) and atom.allows(amplitudes)):
                         continue
@@ -570,11 +579,17 @@ class Screening:
                     )
                     response = each[:, k] @ coefficients[-size:]
                     best[key] = Addition(more, float(gain.mean[k]), float(gain.error[k]), response)
-        for name in [name for name, mixed in best if mixed and (name, False) in best]:
-            some = sorted((best.pop((name, mixed)) for mixed in (False, True)), key=lambda a: -a.gain)
-            best[name, True] = replace(some[0], elsewhere=some[1].model)
-        ranked = sorted(best.values(), key=lambda a: -a.gain)
-        return [replace(a, response=a.response - own @ _solved(own, a.response)) for a in ranked]
+        shapes: dict[str, list[Addition]] = {}
+        for addition in sorted(best.values(), key=lambda a: -a.gain):
+            shapes.setdefault(addition.placed.name, []).append(addition)
+        return [
+            replace(
+                first,
+                response=first.response - own @ _solved(own, first.response),
+                elsewhere=tuple(a.model for a in others),
+            )
+            for first, *others in shapes.values()
+        ]
 
 
 def declared_balance(
