@@ -37,7 +37,8 @@ class SETTINGS:
     """blocks: that are left out in turn. polished: of the best additions, whose nonlinear parameters are fitted in the
     balance; more are, so many times as many at most, until as many predict better than the next one's columns;
     polished_for_best: where one is asked for.
-    descents: steps of such a fit at most. far: its longest step, of a range; shortest: at which it stops early.
+    descents: steps of such a fit at most, where parameters are nonlinear or it begins far off, and straight where
+    neither is. far: its longest step, of a range; shortest: at which it stops early.
     difference: of a range, in differences of effects. at_once: atoms whose sums are in memory. at_end: of a range,
     within which a parameter is at its end. alike: cosine of responses beyond which effects do not differ. ran_away: of
     rows, beyond which what others add is lost in rounding. determined: of a declared parameter's range, a standard
@@ -51,6 +52,7 @@ class SETTINGS:
     most_polished: int = 3
     polished_for_best: int = 2
     descents: int = 5
+    straight: int = 2
     far: float = 0.3
     shortest: float = 1e-3
     difference: float = 1e-3
@@ -254,36 +256,41 @@ class Screening:
         keys = [("polished", begin.key, a.placed.name) for a in asked]
         new = [a for a, key in zip(asked, keys, strict=True) if not self.knows(key)]
         fitted = in_processes(
-            lambda a: [self.fitted(m).numbers for m in self._begun(a)], new, self.balance.threads
+            lambda a: [self.fitted(m, far_off=far_off).numbers for m, far_off in self._begun(a)],
+            new,
+            self.balance.threads,
         )
         with closing(fitted):
             for addition, key in zip(asked, keys, strict=True):
-                yield self.remembered(key, lambda a=addition: _with_numbers(self._begun(a), next(fitted)))
+                models = [m for m, _ in self._begun(addition)]
+                yield self.remembered(key, lambda models=models: _with_numbers(models, next(fitted)))
 
-    def _begun(self, addition: Addition) -> list[BalancedModel]:
-        """Where fits of an addition begin: with each of its shapes; and, of one that changes the model, with declared
-        parameters that are at an end of their range at nominal. They may have been driven there for want of it: a mass
-        for want of a moment, which is a product with it.
+    def _begun(self, addition: Addition) -> list[tuple[BalancedModel, bool]]:
+        """Where fits of an addition begin, and whether that is far off: with each of its shapes; and, of one that
+        changes the model, with declared parameters that are at an end of their range at nominal. They may have been
+        driven there for want of it: a mass for want of a moment, which is a product with it.
         """
         model = addition.model
         near = SETTINGS.at_end * self.space.span
         at_end = (model.point <= self.space.low + near) | (model.point >= self.space.high - near)
         free = np.where(at_end, self.space.nominal, model.point)
-        others = addition.elsewhere
+        begun = [(m, False) for m in (model, *addition.elsewhere)]
         if addition.placed.effect.place == "model" and (free != model.point).any():
-            others = (*others, replace(model, point=free))
-        return [model, *others]
+            begun.append((replace(model, point=free), True))
+        return begun
 
     def screened(self, model: BalancedModel) -> list[Addition]:
         """Of each effect that is not in the model, best first, from columns alone: none is polished."""
         self.whitening.reset()
         return self._screened(self._judged(model))
 
-    def fitted(self, model: BalancedModel) -> BalancedModel:
-        """The model with all of its parameters fitted in the balance, and how it predicts blocks."""
+    def fitted(self, model: BalancedModel, *, far_off: bool = False) -> BalancedModel:
+        """The model with all of its parameters fitted in the balance, and how it predicts blocks. far_off: whether it
+        begins where it is far from linear.
+        """
         self.whitening.reset()  # what was asked before is not to matter
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            return self._judged(self._fitted(self._judged(model)))
+            return self._judged(self._fitted(self._judged(model), far_off))
 
     def all_fitted(self, models: Sequence[BalancedModel]) -> list[BalancedModel]:
         """As `fitted`, each of them."""
@@ -504,13 +511,14 @@ class Screening:
         values = tuple(whole[a:b] for a, b in pairwise(ends))
         return replace(model, point=whole[: ends[0]], values=values)
 
-    def _fitted(self, model: BalancedModel) -> BalancedModel:
+    def _fitted(self, model: BalancedModel, far_off: bool) -> BalancedModel:
         """Gauss-Newton in the balance, within the bounds, over all parameters of the model and its effects."""
         if not model.effects:
             return model
         low, high = self._bounds(model)
         best, least, far = model, np.inf, SETTINGS.far
-        for _ in range(SETTINGS.descents):
+        nonlinear = far_off or any(e.effect.shapes for e in model.effects)
+        for _ in range(SETTINGS.descents if nonlinear else SETTINGS.straight):
             self.on_work()
             target, columns = self._system(model)
             target, columns = self._white(target)[:, 0], self._white(columns)
