@@ -17,8 +17,22 @@ from capture_cli.model.tasks import load_task
 from capture_cli.stages.record import record
 
 MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
-PAN_TILT = MACHINES / "pan_tilt" / "task.toml"
+PAN_TILT, ARM_TASK = (MACHINES / name / "task.toml" for name in ("pan_tilt", "arm"))
 Crosstalk = effects.REGISTRY.get("sensor-crosstalk")
+
+
+def recorded(folder: Path, task: Path, effect: str) -> MeasuredLog:
+    record(
+        task=str(task),
+        out=folder / "log.zarr",
+        effects=[effect],
+        noise=1e-3,
+        episodes=4,
+        duration=3.0,
+        rate=250.0,
+        seed=3,
+    )
+    return MeasuredLog.read(folder / "log.zarr")
 
 
 def test_the_current_of_the_other_motor_is_found_in_an_encoder(tmp_path, monkeypatch):
@@ -33,17 +47,8 @@ def test_the_current_of_the_other_motor_is_found_in_an_encoder(tmp_path, monkeyp
     )
     task = load_task(str(PAN_TILT))
     [site] = [s for s in Crosstalk.sites(task.model) if s.startswith("pan+")]
-    record(
-        task=str(PAN_TILT),
-        out=tmp_path / "log.zarr",
-        effects=[f"sensor-crosstalk@{site}.share=0.02"],
-        noise=1e-3,
-        episodes=4,
-        duration=3.0,
-        rate=250.0,
-        seed=3,
-    )
-    document = diagnose(MeasuredLog.read(tmp_path / "log.zarr"), task, seed=0)
+    log = recorded(tmp_path, PAN_TILT, f"sensor-crosstalk@{site}.share=0.02")
+    document = diagnose(log, task, seed=0)
     assert [f"{e['name']}@{e['site']}" for e in document["effects"]] == [f"sensor-crosstalk@{site}"]
     share = document["effects"][0]["parameters"]["share"]
     assert share["value"] == pytest.approx(0.02, abs=4 * share["sd"]) and share["sd"] < 0.002
@@ -53,19 +58,10 @@ def test_the_current_of_the_other_motor_is_found_in_an_encoder(tmp_path, monkeyp
 
 def test_initial_states_may_be_as_far_off_as_the_sensor_they_were_read_off(tmp_path):
     """In an arm the error was 48 floors with the true effect in the model."""
-    task = load_task(str(MACHINES / "arm" / "task.toml"))
+    task = load_task(str(ARM_TASK))
     effect, share = Crosstalk(task.model, "q1+elbow"), -0.05
-    record(
-        task=str(MACHINES / "arm" / "task.toml"),
-        out=tmp_path / "log.zarr",
-        effects=[f"sensor-crosstalk@q1+elbow.share={share}"],
-        noise=1e-3,
-        episodes=4,
-        duration=3.0,
-        rate=250.0,
-        seed=3,
-    )
-    prepared = prepare(MeasuredLog.read(tmp_path / "log.zarr"), task, split=NewSplit(seed=0))
+    log = recorded(tmp_path, ARM_TASK, f"sensor-crosstalk@q1+elbow.share={share}")
+    prepared = prepare(log, task, split=NewSplit(seed=0))
     begin = np.append(prepared.task.space.nominal, share)
     fit = ModelFits(prepared, 1).fit(prepared, [Placed("sensor-crosstalk@q1+elbow", effect)], begin)
     assert fit.point[-1] == pytest.approx(share, rel=0.05)

@@ -124,11 +124,11 @@ class PreparedLog:
     def _initial_sd(self, simulator: Simulator) -> np.ndarray:
         """How well states are known at the start of each window, those of effects last, (window, state)."""
         own, reported = self.initial.sd, self.initial.reported
-        if reported is not None:
-            own = np.hypot(own, reported.off_by(simulator.most_picked_up, own.shape[1]))
-            if simulator.begins_early:
-                before_the_log = (self.windows.known < REPORTED_MOTION.most_late)[:, None]
-                own = np.hypot(own, before_the_log * reported.unseen(own.shape[1]))
+        if reported is not None and (beside := simulator.most_picked_up).any():
+            own = np.hypot(own, reported.off_by(beside, own.shape[1]))
+        if reported is not None and simulator.begins_early:
+            before_the_log = (self.windows.known < REPORTED_MOTION.most_late)[:, None]
+            own = np.hypot(own, before_the_log * reported.unseen(own.shape[1]))
         return np.concatenate([own, simulator.hidden_sd(self.windows)], axis=1)
 
     def evaluate(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:

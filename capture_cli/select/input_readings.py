@@ -33,7 +33,6 @@ from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import chance, gain_by_bic
 
 NARROW = BeamSettings(width=2, branches=2, pairs=4)
-EFFECTS = 8  # of one reading, with each of which other readings are judged
 PreparedAs = Callable[[Task], PreparedLog]
 
 
@@ -93,8 +92,9 @@ class Reading:
         return None if hold == self.hold else self.with_best(hold).with_best_of([self])
 
     def _best_additions(self) -> list[BalancedModel]:
-        """Models with each of the effects that promise most."""
-        return [a.model for a in self.screening.additions((), (), SCREENING.polished_for_best)[:EFFECTS]]
+        """Models with each of the effects that promise most, as many as a search would look at first."""
+        best = self.screening.additions((), (), SCREENING.polished_for_best)
+        return [a.model for a in best[: SCREENING.polished]]
 
     def with_two(self) -> Reading:
         """With the best model of two effects, or laws at all of their places, if that is surely better."""

@@ -12,7 +12,6 @@ from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.object_names import object_name
 
 NEAREST = 4  # actuators, of which a sensor may show the current
-MOST = 0.3  # of what a sensor commonly shows, from the largest force of an actuator
 
 _S, _O, _T = mujoco.mjtSensor, mujoco.mjtObj, mujoco.mjtTrn
 # Without the actuator of its own joint: there it is a transmission that gives, or the sensor's scale.
@@ -64,12 +63,13 @@ class SensorCrosstalk(NumberEffect):
     def parameters(self):
         unit = f"{self.quantity.unit} per {actuator_force_unit(self.model, self.actuator)}"
         strongest = actuator_force_scale(self.model, self.actuator)
-        return self.for_each("share", unit, MOST * self.quantity.size / strongest)
+        most = 0.3  # of what a sensor commonly shows, from the largest force of an actuator
+        return self.for_each("share", unit, most * self.quantity.size / strongest)
 
     @property
     def most_picked_up(self):
         picked_up = super().most_picked_up
-        picked_up[self.columns] = MOST * self.quantity.size
+        picked_up[self.columns] = self.space.high.max() * actuator_force_scale(self.model, self.actuator)
         return picked_up
 
     def coefficients(self, values):
