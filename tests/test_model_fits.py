@@ -422,3 +422,30 @@ def test_what_begins_at_a_threshold_has_no_score_test_and_is_fitted(coulomb):
     fits, declared, prepared = coulomb
     _, many = _beside(declared, fits, "control-saturation", "drive", 0.5 * declared.error)
     assert many > 4 * len(prepared.windows)
+
+
+def test_an_effect_with_a_kink_at_null_has_its_score_test_on_the_side_of_its_start(tmp_path):
+    """A joint without friction has its own in backward motion alone, or in forward motion alone."""
+    prepared, truth = planted(tmp_path, "direction-dependent-coulomb@x.asymmetry=-2")
+    fits = ModelFits(prepared, 1)
+    declared = fits.fit(prepared, [], truth[:-1])
+    placed = [
+        Placed(
+            "direction-dependent-coulomb",
+            REGISTRY.get("direction-dependent-coulomb")(prepared.task.model, "x"),
+        )
+    ]
+    material = Effort(material=0.3 * declared.error)
+    backward = fits.fit(prepared, placed, np.append(declared.point, -1.5), near=declared, effort=material)
+    assert backward.finished and backward.error < 1.1
+    forward = fits.fit(prepared, placed, np.append(declared.point, 1.5), near=declared, effort=material)
+    assert not forward.finished and forward.promised > material.material
+
+
+def test_a_descent_begins_where_it_is_told_to_beside_a_fit_of_the_same_model(tmp_path):
+    prepared, truth = planted(tmp_path, "coulomb-friction@x.friction=0.5")
+    fits = ModelFits(prepared, 1)
+    placed = [Placed("coulomb-friction", REGISTRY.get("coulomb-friction")(prepared.task.model, "x"))]
+    fit = fits.fit(prepared, placed, truth)
+    begin = 1.5 * fit.point
+    assert fits.fit(prepared, placed, begin, near=fit, effort=Effort(rounds=1)).point == pytest.approx(begin)

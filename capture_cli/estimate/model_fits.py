@@ -37,6 +37,7 @@ from capture_cli.simulate.simulator import InitialConditions, Simulator
 @frozen
 class SETTINGS:
     fit_rounds: int = 60
+    beside_null: float = 2.0  # steps of differences, which do not reach across it from there
 
 
 @dataclass(frozen=True)
@@ -108,23 +109,24 @@ class ModelFits:
     ) -> Fit | None:
         """Fit from `start` (parameter,); None where every trial diverged.
 
-        near: another fit of the same part. This one begins with its initial states of windows and, where they are
-        better than those of `start`, its values, as far as they concern the declared parameters and the effects that
-        both have; and with its sensitivities, of the effects that both begin with, until it measures its own. Where
-        `near` lacks some of the effects it ends there if their score test promises too little; and if this one ends
-        above it, it is begun again at it. corrections (window, state): of the initial states, where they begin, if not
-        where `near` has them.
+        near: another fit of the same part. This one begins with its initial states of windows and, of another model
+        and where they are better than those of `start`, its values, as far as they concern the declared parameters and
+        the effects that both have; and with its sensitivities, of the effects that both begin with, until it measures
+        its own. Where `near` lacks some of the effects it ends there if their score test promises too little; and if
+        this one ends above it, it is begun again at it. corrections (window, state): of the initial states, where they
+        begin, if not where `near` has them.
         """
         new, theirs = effects, () if near is None else near.effects
         added = _not_in(theirs, effects)
         is_smaller = near is not None and added and not _not_in(effects, theirs)
+        is_other = near is not None and (added or _not_in(effects, theirs))
         if is_smaller and (slight := self._slight_at_null(near, part, effects, start, effort)):
             return slight
         if corrections is None and near is not None:
             corrections = near.corrections
         if corrections is not None:
             transferred = self._transferred(corrections, theirs, effects)
-            points = [start] if near is None else [start, self.as_near(near, effects, start)]
+            points = [start, self.as_near(near, effects, start)] if is_other else [start]
             start, corrections = self._nearer(
                 part, effects, points, [transferred, np.zeros_like(transferred)]
             )
@@ -175,7 +177,8 @@ class ModelFits:
         """The model with `effects` at `near`, which lacks some of them, where their score test does not promise what is
         `material`: of the gain of the linearization with them, what that of `near` does not have. None where it does,
         or says nothing: what begins at a threshold has no slope, and where outputs jump it is not kept, while fits with
-        more lead out of poor minima.
+        more lead out of poor minima. It is on the side of `start`, for there may be a kink at null: friction that falls
+        below zero in neither direction acts in one.
         """
         added = _not_in(near.effects, effects)
         if not np.isfinite(effort.material) or any(e.effect.has_threshold for e in added):
@@ -186,12 +189,17 @@ class ModelFits:
             return None
         point, corrections = self._with_null(near, effects, start)
         known = self._known(near, effects, data)
-        x = simulator.space.to_unit(point)
-        trial = columns(data, x, corrections, known=known, near=True)
+        null = data.space.to_unit(point)
+        beside = null.copy()
+        for placed, own in self._parameters(effects):
+            if placed in added:
+                beside[own] += SETTINGS.beside_null * data.space.steps[own] * np.sign(start[own] - point[own])
+        trial = columns(data, beside, corrections, known=known, near=True)
         outputs, diverged, *_ = part.answer(simulator, trial)
-        at = Linearization.from_columns(data, x, corrections, outputs, diverged)
+        at = Linearization.from_columns(data, beside, corrections, outputs, diverged)
         if known is not None:
             at = known.completed(at)
+        at = replace(at, x=null, residual=near.at.residual)
         shows = at.by_parameter.any(axis=(0, 1))
         if not all(shows[own].any() for placed, own in self._parameters(effects) if placed in added):
             return None
