@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
+from capture_cli.estimate.log_windows import window_of
+from capture_cli.estimate.prepare import prepare
 from capture_cli.log.arrays import Log
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
+from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.log.windows import Windows, cut, stretches
+from capture_cli.model.tasks.mjcf_file import MjcfFile
+from capture_cli.stages.record import record
 
 TIMESTEP = 1 / 512  # s; this and all times are dyadic, so that sums of them are exact
 TICK = TIMESTEP / 4
@@ -259,3 +267,56 @@ def test_stretches_end_at_the_gaps_of_each_episode():
     sampled = np.ones((9, 1), dtype=bool)
     found = stretches(time, sampled, [slice(0, 5), slice(5, 9)])
     assert found == [slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 9)]
+
+
+def log_of(lasts: Sequence[float], rate: float, *, acts: bool = False) -> MeasuredLog:
+    """Of episodes that last so long, s, at `rate` samples a second; acts: whether an action says what each does."""
+    times = [np.arange(0, duration + 0.5 / rate, 1 / rate) for duration in lasts]
+    none = np.zeros((sum(map(len, times)), 1))
+    return MeasuredLog(
+        task="machine",
+        time=np.concatenate(times),
+        inputs=none,
+        outputs=none,
+        episode_ends=np.cumsum([len(t) for t in times]),
+        recording=np.zeros(len(times), dtype=int),
+        input_names=("u",),
+        input_units=("N",),
+        output_names=("q",),
+        output_units=("m",),
+        recordings=({"name": "run"},),
+        actions=np.zeros((len(times), 1)) if acts else None,
+    )
+
+
+@pytest.mark.parametrize(
+    ("log", "lasts"),
+    [
+        (log_of([20.0], 125.0), 0.5),
+        (log_of([20.0], 20.0), 2.5),  # 50 samples
+        (log_of([3.0] * 12, 250.0), 0.5),
+        (log_of([0.9, 2.0], 250.0), 0.5),
+        (log_of([1.9] * 4, 250.0), None),  # whole episodes
+        (log_of([2.9] * 8, 30.0), None),
+        (log_of([20.0] * 4, 125.0, acts=True), None),
+    ],
+)
+def test_where_no_window_is_set_long_episodes_are_cut(slider_task, log, lasts):
+    task = MjcfFile(slider_task)
+    assert window_of(log, task) == 0.5  # the task's
+    task.log = replace(task.log, window=0.4)
+    assert (window_of(log, task), window_of(log, task, 0.2)) == (0.4, 0.2)
+    task.log = replace(task.log, window=None)
+    assert (window_of(log, task), window_of(log, task, 0.2)) == (lasts, 0.2)
+
+
+def test_what_is_held_out_says_that_windows_were_chosen(slider_task, tmp_path):
+    slider_task.write_text(slider_task.read_text().replace("window = 0.5\n", ""))
+    record(
+        task=str(slider_task), out=tmp_path / "log.zarr", episodes=1, duration=8.0, amplitude={"drive": 5.0}
+    )
+    log, task = MeasuredLog.read(tmp_path / "log.zarr"), MjcfFile(slider_task)
+    prepared = prepare(log, task, threads=1)
+    assert len(prepared.windows) == 16
+    assert prepared.split.how == "last 4 of 16 windows held out; windows of 0.5 s, for none are set"
+    assert prepare(log, task, window=0.5, threads=1).split.how == "last 4 of 16 windows held out"

@@ -7,13 +7,13 @@ import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.errors import FitError, LogError, ModelError, OptionError
+from capture_cli.estimate.log_windows import interval as interval_of
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Trial
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.shorter_window import set_shorter
 from capture_cli.log.step_length import unsuitable_step
 from capture_cli.log.windows import SETTINGS as WINDOWS
-from capture_cli.log.windows import usual_interval
 from capture_cli.model.coordinate_sources import unmeasured_joints
 from capture_cli.model.tasks.base import Channel, Task
 from capture_cli.simulate.engine import Engine
@@ -135,7 +135,7 @@ def check_long_enough(log: MeasuredLog, duration: float | None) -> None:
             f"{log.path}: no episode has {fewest_samples} samples",
             cure="record longer, or at a higher rate",
         )
-    interval = _interval(log)
+    interval = interval_of(log)
     if duration is not None and duration < WINDOWS.fewest_in_window * interval:
         raise LogError(
             f"{log.path}: a window of {duration:.3g} s holds fewer than {WINDOWS.fewest_in_window} samples, "
@@ -149,14 +149,9 @@ def check_step(log: MeasuredLog, task: Task, duration: float | None) -> None:
     where None.
     """
     lasts = log.longest if duration is None else duration
-    found = unsuitable_step(task.timestep, _interval(log), lasts)
+    found = unsuitable_step(task.timestep, interval_of(log), lasts)
     if found is not None:
         raise ModelError(f"{log.path}: {found[0]}", cure=found[1])
-
-
-def _interval(log: MeasuredLog) -> float:
-    """s, between samples of most episodes."""
-    return float(np.median([usual_interval(log.time[e], log.sampled[e]) for e in log.episodes]))
 
 
 def check_parameters_move_outputs(prepared: PreparedLog, *, seed: int, threads: int | None) -> int:

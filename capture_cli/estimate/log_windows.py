@@ -4,10 +4,37 @@ from dataclasses import replace
 
 import numpy as np
 
+from capture_cli.common.frozen import frozen
 from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.log.windows import Spans, Windows, at_spans, cut
+from capture_cli.log.windows import Spans, Windows, at_spans, cut, usual_interval
 from capture_cli.model.tasks.base import Task
+
+
+@frozen
+class SETTINGS:
+    """usual: s, of a window where none is set: errors of several joints stay near linear in what is missing, and what
+    acts over its time shows. samples: that it holds at least. episode: windows, in episodes that are cut.
+    """
+
+    usual: float = 0.5
+    samples: int = 50
+    episode: int = 4
+
+
+def window_of(log: MeasuredLog, task: Task, window: float | None = None) -> float | None:
+    """s, of the windows that a log is cut into: `window`, or the task's own, or what suits most machines; None, whole
+    episodes, where these are hardly longer, or are what an action says.
+    """
+    if window is not None or task.log.window is not None or log.actions is not None:
+        return task.log.window if window is None else window
+    usual = max(SETTINGS.usual, SETTINGS.samples * interval(log))
+    return float(f"{usual:.2g}") if log.longest >= SETTINGS.episode * usual else None
+
+
+def interval(log: MeasuredLog) -> float:
+    """s, between samples of most episodes."""
+    return float(np.median([usual_interval(log.time[e], log.sampled[e]) for e in log.episodes]))
 
 
 def clock(log: MeasuredLog) -> np.ndarray:

@@ -15,7 +15,7 @@ from capture_cli.estimate.log_requirements import (
     check_long_enough,
     check_step,
 )
-from capture_cli.estimate.log_windows import cut_log
+from capture_cli.estimate.log_windows import cut_log, window_of
 from capture_cli.estimate.noise.noise_floor import NoiseFloor, noise_floor
 from capture_cli.estimate.prepared_log import PreparedLog, attitudes
 from capture_cli.estimate.split import Divided, EarlierSplit, NewSplit
@@ -46,12 +46,12 @@ def prepare(
 ) -> PreparedLog:
     """Check that the log fits the task, and make it ready, or an excerpt of it. Raises LogError or OptionError.
 
-    window: s; the task's own where None.
+    window: s; the task's own where None, and where that has none what suits most machines.
     """
     check_fits(log, task)
     turned = continuous(log.outputs, log.episodes, attitudes(task), log.sampled)
     log = replace(log, outputs=turned)
-    duration = window if window is not None else task.log.window
+    duration = window_of(log, task, window)
     check_long_enough(log, duration)
     check_step(log, task, duration)
     windows = cut_log(log, task, duration)
@@ -71,7 +71,10 @@ def prepare(
     divided = Divided(
         windows.first, windows.samples, windows.episode, log.recording, log.recording_names, log.longest
     )
-    prepared = PreparedLog(task, log, windows, initial, noise, split.of(divided))
+    held = split.of(divided)
+    if duration not in (window, task.log.window) and isinstance(split, NewSplit):
+        held = replace(held, how=f"{held.how}; windows of {duration:g} s, for none are set")
+    prepared = PreparedLog(task, log, windows, initial, noise, held)
     check_fitted(prepared)
     if excerpt is not None:
         return replace(prepared, difference_step=excerpt.difference_step)

@@ -10,7 +10,7 @@ from capture_cli.estimate.difference_step import difference_step
 from capture_cli.estimate.initial_states.from_outputs import InitialStateEstimate, states_of
 from capture_cli.estimate.initial_states.nominal_motion import motion_at
 from capture_cli.estimate.initial_states.of_windows import as_acted, in_whole_episodes, log_initial_states
-from capture_cli.estimate.log_windows import cut_log
+from capture_cli.estimate.log_windows import cut_log, window_of
 from capture_cli.estimate.noise.noise_floor import NoiseFloor
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import Split
@@ -28,7 +28,7 @@ class Known:
 
     point (parameter,), covariance (p, p), in the parameters' own units. noise: of the outputs, as the estimate has it.
     interval: s, between the steps of its log; apart (output,): s, between the samples of an output that has none in
-    some of them, 0 of the others. window: s, of the fit's windows; None for whole episodes. acted: whether the fit
+    some of them, 0 of the others. window: s, that the fit was told instead of the task's. acted: whether the fit
     began episodes where their actions say. variance: of its residual over that of the noise; correlated: s,
     by how much its autocorrelation time is longer than an interval.
     """
@@ -60,7 +60,7 @@ class Known:
             noise=NoiseFloor(noise_sd, ("declared",) * len(names)),
             interval=interval,
             apart=np.array(apart),
-            window=task.log.window if window is None else window,
+            window=window,
             acted=isinstance(task, ActionTask) and rounds is not None and not rounds["fallback"],
             variance=lack["normalized"] ** 2,
             correlated=(lack["autocorrelation_time"] - 1) * interval,
@@ -94,7 +94,7 @@ def planned(
         whole, rollouts = _motion(task, driven, known, threads)
     outputs = whole.sample(rollouts.sensors[..., [c.index for c in task.outputs]], np.arange(len(whole)))
     log = _measured(task, driven, outputs[whole.mask], known)
-    windows = cut_log(log, task, known.window)
+    windows = cut_log(log, task, window_of(log, task, known.window))
     read = log_initial_states(log, task, windows, known.noise, threads)
     true = states_of(rollouts, *in_whole_episodes(windows, whole))
     initial = replace(read.states, qpos=true.qpos, qvel=true.qvel, act=true.act)
