@@ -7,7 +7,7 @@ import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.errors import FitError, LogError, ModelError, OptionError
-from capture_cli.estimate.log_windows import interval as interval_of
+from capture_cli.estimate.log_windows import interval_of
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Trial
 from capture_cli.log.measured_log import MeasuredLog

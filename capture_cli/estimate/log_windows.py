@@ -28,11 +28,11 @@ def window_of(log: MeasuredLog, task: Task, window: float | None = None) -> floa
     """
     if window is not None or task.log.window is not None or log.actions is not None:
         return task.log.window if window is None else window
-    usual = max(SETTINGS.usual, SETTINGS.samples * interval(log))
+    usual = max(SETTINGS.usual, SETTINGS.samples * interval_of(log))
     return float(f"{usual:.2g}") if log.longest >= SETTINGS.episode * usual else None
 
 
-def interval(log: MeasuredLog) -> float:
+def interval_of(log: MeasuredLog) -> float:
     """s, between samples of most episodes."""
     return float(np.median([usual_interval(log.time[e], log.sampled[e]) for e in log.episodes]))
 
