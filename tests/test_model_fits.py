@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from held_inputs import held_machine
+from recorded_logs import record_log, true_values
 
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
@@ -18,7 +18,6 @@ from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.intervals import unit_covariance
 from capture_cli.estimate.solve.linearization import Trial
-from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects._transmission import TransmissionEffect
@@ -48,20 +47,8 @@ def planted(
     Of a machine of the benchmarks, or of one's own: its `task`.
     """
     task = task or held_machine(folder / machine, machine, timestep)
-    record(
-        task=str(task),
-        out=folder / "log.zarr",
-        effects=[effect],
-        noise=3e-4,
-        episodes=4,
-        duration=duration,
-        rate=250.0,
-        seed=0,
-    )
-    truth = json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
-    values = np.array([*truth["parameters"].values(), *truth["effects"].values()])
-    log = MeasuredLog.read(folder / "log.zarr")
-    return prepare(log, load_task(str(task))), values
+    log = record_log(folder, task, effect, noise=3e-4, episodes=4, duration=duration, seed=0)
+    return prepare(log, load_task(str(task))), true_values(folder)
 
 
 def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from diagnosing import diagnose, look_among
 from machines import ARM, build, machine, run
+from recorded_logs import record_log
 
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepare import prepare
@@ -14,7 +15,6 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model import effects
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
-from capture_cli.stages.record import record
 
 MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
 PAN_TILT, ARM_TASK = (MACHINES / name / "task.toml" for name in ("pan_tilt", "arm"))
@@ -22,17 +22,7 @@ Crosstalk = effects.REGISTRY.get("sensor-crosstalk")
 
 
 def recorded(folder: Path, task: Path, effect: str) -> MeasuredLog:
-    record(
-        task=str(task),
-        out=folder / "log.zarr",
-        effects=[effect],
-        noise=1e-3,
-        episodes=4,
-        duration=3.0,
-        rate=250.0,
-        seed=3,
-    )
-    return MeasuredLog.read(folder / "log.zarr")
+    return record_log(folder, task, effect, noise=1e-3, episodes=4, duration=3.0, seed=3)
 
 
 def test_the_current_of_the_other_motor_is_found_in_an_encoder(tmp_path, monkeypatch):

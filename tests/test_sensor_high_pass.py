@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from diagnosing import diagnose, look_among
 from machines import build
+from recorded_logs import record_log
 from scipy.signal import bilinear, lfilter, lsim
 
 from capture_cli.log.measured_log import MeasuredLog
@@ -16,7 +17,6 @@ from capture_cli.model.effects.base import Reports, SeenLog
 from capture_cli.model.effects.sensor_high_pass import SensorHighPass, high_passed, integrated
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.mjcf_file import MjcfFile
-from capture_cli.stages.record import record
 
 TABLE = """
 <mujoco model="table">
@@ -158,17 +158,8 @@ def recorded(folder: Path, *effects: str, **replaced: str) -> tuple[MeasuredLog,
         model = model.replace(f'{old}="{MODELLED[old]}"', f'{old}="{new}"')
     (folder / "model.xml").write_text(model)
     (folder / "task.toml").write_text(TASK)
-    record(
-        task=str(folder / "task.toml"),
-        out=folder / "log.zarr",
-        effects=effects,
-        noise=1e-3,
-        episodes=3,
-        duration=4.0,
-        rate=250.0,
-        seed=3,
-    )
-    return MeasuredLog.read(folder / "log.zarr"), load_task(str(folder / "task.toml"))
+    log = record_log(folder, folder / "task.toml", *effects, noise=1e-3, episodes=3, duration=4.0, seed=3)
+    return log, load_task(str(folder / "task.toml"))
 
 
 @pytest.fixture(autouse=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from diagnosing import diagnose, look_among
 from held_inputs import MACHINES, held_machine
 from machines import away, build, run
 from plain_loop import looped
+from recorded_logs import record_log, true_values
 
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepare import prepare
@@ -47,19 +47,9 @@ BESIDE_INTEGRAL = (
 
 def recorded(folder: Path, *planted: str, duration: float = 4.0) -> tuple[MeasuredLog, np.ndarray]:
     """A log of the pan-tilt, and the true parameters, those of the effects last."""
-    record(
-        task=str(held_machine(folder / "pan_tilt", "pan_tilt", 0.004)),
-        out=folder / "log.zarr",
-        effects=planted,
-        noise=1e-3,
-        episodes=6,
-        duration=duration,
-        rate=250.0,
-        seed=3,
-    )
-    truth = json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
-    values = np.array([*truth["parameters"].values(), *truth["effects"].values()])
-    return MeasuredLog.read(folder / "log.zarr"), values
+    task = held_machine(folder / "pan_tilt", "pan_tilt", 0.004)
+    log = record_log(folder, task, *planted, noise=1e-3, episodes=6, duration=duration, seed=3)
+    return log, true_values(folder)
 
 
 def without(log: MeasuredLog, since: float, until: float) -> MeasuredLog:

@@ -12,13 +12,13 @@ from held_inputs import held_machine
 from hypothesis import given
 from hypothesis import strategies as st
 from machines import build
+from recorded_logs import record_log
 from test_hysteretic_friction import RIG
 
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.effects._followed_log import measured_stretches
 from capture_cli.model.effects.viscoelastic_spring import MaxwellElement, ViscoelasticSpring, followed
 from capture_cli.model.tasks import load_task
-from capture_cli.stages.record import record
 
 EFFECT = "viscoelastic-spring@x"
 STIFFNESS, RELAXATION = 120.0, 0.3  # N/m, s
@@ -26,17 +26,8 @@ STIFFNESS, RELAXATION = 120.0, 0.3  # N/m, s
 
 def recorded(folder: Path, *planted: str) -> MeasuredLog:
     """A log of the slider."""
-    record(
-        task=str(held_machine(folder / "slider", "slider", 0.004)),
-        out=folder / "log.zarr",
-        effects=planted,
-        noise=3e-4,
-        episodes=4,
-        duration=4.0,
-        rate=250.0,
-        seed=3,
-    )
-    return MeasuredLog.read(folder / "log.zarr")
+    task = held_machine(folder / "slider", "slider", 0.004)
+    return record_log(folder, task, *planted, noise=3e-4, episodes=4, duration=4.0, seed=3)
 
 
 def test_a_spring_that_relaxes_is_found_with_its_stiffness_and_its_time(tmp_path, monkeypatch):

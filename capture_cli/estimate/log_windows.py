@@ -7,6 +7,7 @@ import numpy as np
 from capture_cli.common.frozen import frozen
 from capture_cli.log.arrays import Log
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.log.windows import Spans, Windows, at_spans, cut, usual_interval
 from capture_cli.model.tasks.base import Task
 
@@ -14,22 +15,22 @@ from capture_cli.model.tasks.base import Task
 @frozen
 class SETTINGS:
     """usual: s, of a window where none is set: errors of several joints stay near linear in what is missing, and what
-    acts over its time shows. samples: that it holds at least. episode: windows, in episodes that are cut.
+    acts over its time shows. samples: that it holds at least.
     """
 
     usual: float = 0.5
     samples: int = 50
-    episode: int = 4
 
 
 def window_of(log: MeasuredLog, task: Task, window: float | None = None) -> float | None:
     """s, of the windows that a log is cut into: `window`, or the task's own, or what suits most machines; None, whole
     episodes, where these are hardly longer, or are what an action says.
     """
-    if window is not None or task.log.window is not None or log.actions is not None:
-        return task.log.window if window is None else window
+    told = task.log.window if window is None else window
+    if told is not None or log.actions is not None:
+        return told
     usual = max(SETTINGS.usual, SETTINGS.samples * interval_of(log))
-    return float(f"{usual:.2g}") if log.longest >= SETTINGS.episode * usual else None
+    return float(f"{usual:.2g}") if log.longest >= WINDOWS.in_episode * usual else None
 
 
 def interval_of(log: MeasuredLog) -> float:

@@ -117,9 +117,9 @@ class ModelFits:
         begin, if not where `near` has them.
         """
         new, theirs = effects, () if near is None else near.effects
-        added = _not_in(theirs, effects)
-        is_smaller = near is not None and added and not _not_in(effects, theirs)
-        is_other = near is not None and (added or _not_in(effects, theirs))
+        added, lost = _not_in(theirs, effects), _not_in(effects, theirs)
+        is_smaller = near is not None and added and not lost
+        is_other = near is not None and (added or lost)
         if is_smaller and (slight := self._slight_at_null(near, part, effects, start, effort)):
             return slight
         if corrections is None and near is not None:
@@ -189,11 +189,11 @@ class ModelFits:
             return None
         point, corrections = self._with_null(near, effects, start)
         known = self._known(near, effects, data)
+        new = [own for placed, own in self._parameters(effects) if placed in added]
         null = data.space.to_unit(point)
         beside = null.copy()
-        for placed, own in self._parameters(effects):
-            if placed in added:
-                beside[own] += SETTINGS.beside_null * data.space.steps[own] * np.sign(start[own] - point[own])
+        for own in new:
+            beside[own] += SETTINGS.beside_null * data.space.steps[own] * np.sign(start[own] - point[own])
         trial = columns(data, beside, corrections, known=known, near=True)
         outputs, diverged, *_ = part.answer(simulator, trial)
         at = Linearization.from_columns(data, beside, corrections, outputs, diverged)
@@ -201,7 +201,7 @@ class ModelFits:
             at = known.completed(at)
         at = replace(at, x=null, residual=near.at.residual)
         shows = at.by_parameter.any(axis=(0, 1))
-        if not all(shows[own].any() for placed, own in self._parameters(effects) if placed in added):
+        if not all(shows[own].any() for own in new):
             return None
         gain = at.whole_gain(at.inflation) - near.at.whole_gain(at.inflation)
         promised = float(np.sqrt(max(near.error**2 - gain / data.count, 0.0)))

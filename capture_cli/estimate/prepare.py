@@ -69,12 +69,15 @@ def prepare(
     check_changes(log, task, noise.sd)
     initial = log_initial_states(log, task, windows, noise, threads)
     divided = Divided(
-        windows.first, windows.samples, windows.episode, log.recording, log.recording_names, log.longest
+        windows.first,
+        windows.samples,
+        windows.episode,
+        log.recording,
+        log.recording_names,
+        log.longest,
+        chosen=None if duration in (window, task.log.window) else duration,
     )
-    held = split.of(divided)
-    if duration not in (window, task.log.window) and isinstance(split, NewSplit):
-        held = replace(held, how=f"{held.how}; windows of {duration:g} s, for none are set")
-    prepared = PreparedLog(task, log, windows, initial, noise, held)
+    prepared = PreparedLog(task, log, windows, initial, noise, split.of(divided))
     check_fitted(prepared)
     if excerpt is not None:
         return replace(prepared, difference_step=excerpt.difference_step)

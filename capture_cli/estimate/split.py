@@ -1,7 +1,7 @@
 """Fit and test: which windows of a log are fitted, and which are kept back to be looked at once."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -38,6 +38,7 @@ class Split:
 class Divided:
     """A log as it is cut. first, samples, episode (window,): the step that each begins at, how many it has, and the
     number of its episode. recording (episode,): which of `names` each comes from. longest: s, of the longest episode.
+    chosen: s, of windows that nobody set; None where they were.
     """
 
     first: np.ndarray
@@ -46,6 +47,7 @@ class Divided:
     recording: np.ndarray
     names: Sequence[str]
     longest: float
+    chosen: float | None = None
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,12 @@ class NewSplit:
         """Raises OptionError for a pattern that matches no recording or all of them, or where there is none; LogError
         where the log is too short.
         """
+        split = self._of(log)
+        if log.chosen is None:
+            return split
+        return replace(split, how=f"{split.how}; windows of {log.chosen:g} s, for none are set")
+
+    def _of(self, log: Divided) -> Split:
         if self.test == "none":
             return Split(np.zeros(len(log.episode), dtype=bool), "nothing held out")
         if self.test is not None:

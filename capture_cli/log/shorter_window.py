@@ -10,10 +10,9 @@ def set_shorter(duration: float, samples: int, *, option: bool) -> str:
     digit, of which the episode holds four or more, unless it would hold too few samples. option: whether --window sets
     it.
     """
-    windows = 4  # in the longest episode, so that some can be held out
     window = 0.0
     if duration > 0:
-        longest = duration / windows
+        longest = duration / WINDOWS.in_episode
         power = np.floor(np.log10(longest))
         window = float(f"{np.floor(longest / 10**power)}e{power:.0f}")
     if not window or window * (samples - 1) < WINDOWS.fewest_in_window * duration:

@@ -23,6 +23,7 @@ class SETTINGS:
     # of a window: an episode a little shorter still is one
     shortest_episode: float = 0.9
     fewest_in_window: int = 4  # samples: with fewer, the start of a window explains all of it
+    in_episode: int = 4  # windows, where one is to be chosen: so that some can be held out
     # s of inputs kept from before each window: what a late or sluggish actuator still answers to at its start
     lead: float = 4.0
     # of the time since an episode began: how far off a clock may be, and inputs are kept from after each window
