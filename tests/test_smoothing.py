@@ -180,3 +180,9 @@ def test_the_shortest_stretch_can_be_smoothed(samples):
     (series,) = smooth(times, noisy(times, 19))
     assert np.isfinite([series.sd, series.cutoff, series.sd_of(2)]).all()
     np.testing.assert_allclose(series.at(times[0]), truth(times[0]), atol=5 * NOISE)
+
+
+def test_a_stretch_of_fewer_samples_than_turns_is_hardly_smoothed():
+    time = np.arange(10) * 0.01
+    (series,) = smooth([time], noisy([time], 5, 1e-2), fewest_turns=12.0)
+    assert series.cutoff > np.pi / 0.01

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +21,7 @@ from capture_cli.model.quaternion_signs import aligned, quaternion_columns
 from capture_cli.model.states import corrections_between, shift
 from capture_cli.model.tasks.base import Task
 from capture_cli.simulate.simulator import InitialConditions, Simulator
+from capture_cli.simulate.uncoupled import Grouped
 
 if TYPE_CHECKING:  # the balance loads SciPy, and who only checks a log works out none
     from capture_cli.estimate.balance.input_timing import InputTiming
@@ -137,6 +138,10 @@ class PreparedLog:
         Initial states that are known for certain stay where they are. Windows that need not be simulated count as
         diverged.
         """
+        grouped = Grouped.of(simulator.trees, trial.parameters, trial.corrections)
+        if grouped is not None:
+            few = replace(trial, parameters=grouped.parameters, corrections=grouped.corrections)
+            return grouped.apart(simulator.trees, *self.evaluate(simulator, few))
         if trial.windows is not None:
             which, moved = trial.windows, trial.corrections[:, trial.windows]
             outputs = np.zeros((len(trial), *self.windows.measured.shape))
@@ -154,7 +159,14 @@ class PreparedLog:
 
     def answer(self, simulator: Simulator, trial: Trial) -> tuple:
         """What `evaluate` gives; of a trial for which first order will do, also whether all of it was simulated."""
-        return self._near(simulator, trial) if trial.near else self.evaluate(simulator, trial)
+        if not trial.near:
+            return self.evaluate(simulator, trial)
+        grouped = Grouped.of(simulator.trees, trial.parameters, trial.corrections)
+        if grouped is None:
+            return self._near(simulator, trial)
+        few = replace(trial, parameters=grouped.parameters, corrections=grouped.corrections)
+        outputs, diverged, exact = self._near(simulator, few)
+        return *grouped.apart(simulator.trees, outputs, diverged), exact
 
     @np.errstate(over="ignore", invalid="ignore")  # what runs away to first order is simulated
     def _near(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray, bool]:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -20,6 +21,7 @@ from capture_cli.model.tasks.base import Task
 from capture_cli.model.world import Force
 from capture_cli.simulate.engine import Engine, Keep, Rollouts
 from capture_cli.simulate.tangent_linear import NearSimulations, cost
+from capture_cli.simulate.uncoupled import Trees, groups
 
 
 @frozen
@@ -172,6 +174,17 @@ class Simulator:
         self._own_states = 2 * task.model.nv + task.model.na
         self.substeps = math.prod(effect.substeps for effect in all_effects)
 
+    @cached_property
+    def trees(self) -> Trees | None:
+        """Of machines that are several."""
+        return Trees.of(
+            self.task.model,
+            self.space,
+            self._placed,
+            self._sensors,
+            lambda points: self._fields(self._with_known(points)),
+        )
+
     @property
     def begins_early(self) -> bool:
         """Whether a simulation may begin before its window does: where a sensor reports late."""
@@ -297,6 +310,8 @@ class Simulator:
         windows, remembering = corrections.shape[1], self._remembering(parameters)
         driven = ((parameters != parameters[0]).any(axis=1) & ~remembering).sum()
         states = self._own_states + sum(len(own.effect.kernel_keeps) for own in self._placed)
+        if self.trees is not None:
+            states = groups(self.trees.path)[1]
         near = cost(windows, states, driven) + (1 + remembering.sum()) * windows
         return _moving(parameters, corrections).sum() * windows > near
 
@@ -475,6 +490,7 @@ class Simulator:
                 self._fields(each),
                 lambda some: self._forces(each[some], hidden[some], drives.of(some)),
                 driven=_driven(each, hidden, near),
+                trees=self.trees,
             ).rollouts(self.engine, keep)
         else:
             rollouts = self.engine.rollout(

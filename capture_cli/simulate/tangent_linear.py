@@ -22,6 +22,7 @@ from capture_cli.model.fields import ModelFields
 from capture_cli.model.states import InitialStates, corrections_between, shift
 from capture_cli.model.world import Force
 from capture_cli.simulate.engine import Engine, Keep, Rollouts
+from capture_cli.simulate.uncoupled import Trees, groups
 
 
 @frozen
@@ -37,7 +38,8 @@ class NearSimulations:
     """Simulations (candidate, path) in one axis. Those of the first candidate are the paths that the others are near.
 
     controls (row, step, nu): simulation i is driven by controls[row[i]]. fields: model values; forces: what acts in the
-    simulations of the numbers given. driven (candidate,): which differ by more than their initial state.
+    simulations of the numbers given. driven (candidate,): which differ by more than their initial state. trees: of what
+    is several machines, whose states are moved together.
     """
 
     initial: InitialStates
@@ -46,6 +48,7 @@ class NearSimulations:
     fields: ModelFields
     forces: Callable[[np.ndarray], Sequence[Force]]
     driven: np.ndarray
+    trees: Trees | None = None
 
     @property
     def paths(self) -> int:
@@ -96,6 +99,10 @@ class _Linearized:
         self.mean_controls = sums / (self.last - self.first)[:, None]  # (row, span, nu)
         self.states = 2 * engine.model.nv + engine.model.na + self.remembered
         self.columns = slice(None) if keep.columns is None else keep.columns
+        # states that are moved together
+        self.group, self.groups = np.arange(self.states), self.states
+        if near.trees is not None:
+            self.group, self.groups = groups(near.trees.path)
         self.columns_shown = base.sensors.shape[2] + engine.model.nu * keep.actuator_forces
 
     def changes(self) -> np.ndarray:
@@ -134,8 +141,8 @@ class _Linearized:
         """[A B] (span, path, state, state or input) and [C D] (span, path, column, state or input), by a single step
         from the middle of each span: of the path itself, with each state moved, and of each that is driven otherwise.
         """
-        near, states, paths = self.near, self.states, self.near.paths
-        candidates = np.concatenate([np.zeros(1 + states, dtype=int), np.flatnonzero(near.driven)])
+        near, paths = self.near, self.near.paths
+        candidates = np.concatenate([np.zeros(1 + self.groups, dtype=int), np.flatnonzero(near.driven)])
         number = (candidates[:, None] * paths + np.arange(paths)).ravel()
         begins, remembered = self._begins(number, len(candidates))
         stepped = self.engine.single_steps(
@@ -154,9 +161,20 @@ class _Linearized:
         shown = _shown(stepped.sensors[..., self.columns], stepped.actuator_force, self.keep)
         ended, shown = (values.reshape(*layout, values.shape[-1]) for values in (ended, shown))
         scale = np.ones(len(candidates) - 1)
-        scale[:states] = 1 / SETTINGS.difference
+        scale[: self.groups] = 1 / SETTINGS.difference
         slopes = ((v[:, 1:] - v[:, :1]) * scale[:, None, None] for v in (ended, shown))
-        return tuple(np.moveaxis(s, 1, -1) for s in slopes)
+        ended, shown = (np.moveaxis(s, 1, -1) for s in slopes)
+        if near.trees is None:
+            return ended, shown
+        of_shown = near.trees.columns[self.columns]
+        if self.keep.actuator_forces:
+            of_shown = np.concatenate([of_shown, near.trees.actuators])
+        return self._apart(ended, near.trees.path), self._apart(shown, of_shown)
+
+    def _apart(self, slopes: np.ndarray, tree: np.ndarray) -> np.ndarray:
+        """Slopes (..., row, state or input) from those by groups of states; tree (row,)."""
+        by_state = slopes[..., self.group] * (tree[:, None] == self.near.trees.path)
+        return np.concatenate([by_state, slopes[..., self.groups :]], axis=-1)
 
     def _begins(self, number: np.ndarray, candidates: int) -> tuple[InitialStates, np.ndarray]:
         """The middle of each span of the paths, (span * candidate * path): with a state moved in each of those after
@@ -171,7 +189,7 @@ class _Linearized:
             time.ravel(),
         )
         moves = np.zeros((candidates, self.states))
-        moves[1 : 1 + self.states] = SETTINGS.difference * np.eye(self.states)
+        moves[1 + self.group, np.arange(self.states)] = SETTINGS.difference
         moves = np.tile(np.repeat(moves, self.near.paths, axis=0), (len(middle), 1))
         own = self.states - self.remembered
         remembered = moves[:, own:]

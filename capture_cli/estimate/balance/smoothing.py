@@ -134,10 +134,9 @@ def smooth(
     """
     parts = [_Part.of(t, y) for t, y in zip(times, values, strict=True)]
     turns = np.pi * fewest_turns * len(times) / sum(len(t) for t in times)  # rad per sample
-    bounds = (
-        SETTINGS.search[0],
-        min(SETTINGS.search[1], -2 * SETTINGS.order * float(np.log10(max(turns, 1e-3)))),
-    )
+    # of a stretch of few samples that many turns are beyond what its samples show: next to nothing is smoothed
+    most = float(np.clip(-2 * SETTINGS.order * np.log10(max(turns, 1e-3)), *SETTINGS.search))
+    bounds = SETTINGS.search[0], most
     found = minimize_scalar(
         lambda log: -_likelihood(parts, 10.0**log), bounds=bounds, method="bounded", options={"xatol": 0.05}
     )

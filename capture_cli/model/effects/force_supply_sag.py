@@ -56,6 +56,8 @@ class ForceSupplySag(Effect):
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
         self.fed = linear_actuators(model)
+        # a slice is quicker than indices, and most models have no other actuators
+        self._columns = slice(None) if len(self.fed) == model.nu else self.fed
 
     @classmethod
     def sites(cls, model):
@@ -83,13 +85,13 @@ class ForceSupplySag(Effect):
         return ForceOfKernel(self, self.coefficients(values) | {"more": more}, timestep)
 
     def read(self, world, field):
-        return np.abs(world.actuator_force[:, self.fed]).mean(axis=1)
+        # the mean, in a third of the time that its method takes for so few numbers
+        return np.add.reduce(np.abs(world.actuator_force[:, self._columns]), axis=1) / len(self.fed)
 
     def add(self, world, term):
-        # a slice is quicker than indices, and most models have no other actuators
-        fed = slice(None) if len(self.fed) == self.model.nu else self.fed
+        size = term[:, None, None]
         for field in SCALED:
-            world.vary(field)[:, fed] *= term[:, None, None]
+            world.vary(field)[:, self._columns] *= size
 
     def companion(self, name, values):
         size, state = call(name, Weakening, ["np.abs(data.actuator_force[fed]).mean()"], self.numbers(values))
