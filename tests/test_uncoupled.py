@@ -10,6 +10,9 @@ import pytest
 from recorded_logs import record_log
 from setting_numbers import set_numbers
 
+from capture_cli.estimate.balance.force_balance import ForceBalance
+from capture_cli.estimate.balance.trees import trees
+from capture_cli.estimate.log_balance import smoothed_log
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -171,3 +174,25 @@ def test_a_parameter_of_the_model_as_a_whole_is_of_several_trees(prepared):
     trees = ModelFits(prepared, 1).simulator([tilt]).trees
     assert set(trees.parameters[: len(prepared.task.space)]) == {0, 1}
     assert set(trees.parameters[len(prepared.task.space) :]) == {SEVERAL}
+
+
+@pytest.mark.parametrize("name", ["payload", "com-shift", "viscous-damping", "gravity-tilt"])
+def test_a_balance_is_worked_out_anew_in_trees_that_change(prepared, monkeypatch, name):
+    effect = places(prepared, name)[0].effect
+    values = effect.space.from_unit(np.full((2, len(effect.space)), [[0.3], [0.6]]))
+    smoothed = smoothed_log(prepared, np.arange(len(prepared.windows)))
+
+    def changes() -> tuple[np.ndarray, set[int]]:
+        balance, asked = ForceBalance(smoothed, prepared.task.space.nominal), set()
+        changed = ForceBalance._changed
+        with monkeypatch.context() as patched:
+            patched.setattr(
+                ForceBalance, "_changed", lambda *a, **k: asked.add(len(f := changed(*a, **k))) or f
+            )
+            return np.stack([c.predicted for c in balance.of_effect(effect, values)]), asked
+
+    found, asked = changes()
+    monkeypatch.setattr(ForceBalance, "_changed", lambda self, model, *_, **__: trees(model))
+    expected, _ = changes()
+    assert asked == ({2} if name == "gravity-tilt" else {1, 2})  # as it is all are
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())

@@ -39,6 +39,7 @@ from capture_cli.estimate.balance.trees import (
     inverse_of,
     solved,
     times,
+    trees,
 )
 from capture_cli.log.input_sequences import Hold, LoggedInputs
 from capture_cli.log.windows import SETTINGS as WINDOWS
@@ -56,7 +57,8 @@ class SETTINGS:
     """step: of a parameter's range, in differences. touches: of the model's extent, nearer than which bodies touch, for
     a stiff contact chatters. none: standard deviations of a velocity, below which it may be none. resting: half periods
     of the fastest motion that is smoothed, for which it is then at rest: a turning point is shorter. lanes: points
-    whose accelerations are solved for at a time.
+    whose accelerations are solved for at a time. rounding: MuJoCo works out trees on one fixed body about the centre of
+    mass of all.
     """
 
     step: float = 1e-3
@@ -64,6 +66,7 @@ class SETTINGS:
     none: float = 3.0
     resting: float = 2.0
     lanes: int = 1 << 15
+    rounding: float = 1e-12
 
 
 # A step works out a from the velocity that it begins with, and q(t+h) - 2 q(t) + q(t-h) is h^2 a(t): that velocity,
@@ -75,6 +78,7 @@ _DISABLE = mujoco.mjtDisableBit
 # contacts are left, and joints' dry friction is worked out here
 _NO_STOPS = _DISABLE.mjDSBL_FRICTIONLOSS | _DISABLE.mjDSBL_LIMIT | _DISABLE.mjDSBL_EQUALITY
 _OF_IMPACTS = ("geom_size", "geom_solref", "geom_solimp", "pair_solref", "pair_solimp")
+_OF_FRICTION = ("dof_frictionloss", "dof_damping", "dof_solref", "dof_solimp", "dof_invweight0")
 _OF_ACTUATORS = ("actuator_gear", *NUMBERS)
 AtValues = tuple[Effect, np.ndarray]  # an effect, and its values (parameter,)
 
@@ -595,20 +599,46 @@ class ForceBalance:
             runner = self._runner(model) if runner is None else runner
             inertia, push, contacts = (runner.bind(name) for name in ("M", "qfrc_constraint", "ncon"))
             smooth = self._set(runner, state, self.controls if controls is None else controls)
-        friction = np.zeros_like(smooth)
+        changed = self._changed(model, smooth, inertia, moved=moved)
+        here = np.zeros(model.nv, dtype=bool)
+        for own in changed:
+            here[own] = True
+        if here.all():
+            friction, free = np.zeros_like(smooth), np.zeros_like(smooth)
+        else:
+            friction, free = self._null.friction.copy(), self._null.free.copy()
         if model.dof_frictionloss.any():
             same = "_null" in self.__dict__ and np.array_equal(inertia, self._null.inertia)
-            inverse = self._own_inverse_mass if same else self._inverse_mass(model, inertia)
-            friction = self._friction(model, inverse, smooth, model.dof_frictionloss, state)
+            inverse = self._own_inverse_mass if same else self._inverse_mass(model, inertia, some=changed)
+            loss = np.where(here, model.dof_frictionloss, 0.0)
+            friction[:, here] = self._friction(model, inverse, smooth, loss, state)[:, here]
         applied = smooth + friction
         felt = self._holding(_felt(model, inertia))
-        free = solved(model, felt, np.where(self.at_rest, state[2], applied))
+        free[:, here] = solved(model, felt, np.where(self.at_rest, state[2], applied), changed)[:, here]
         pushed = np.zeros_like(free)
         if self.unshown.size:
             pushed = solved(model, felt, np.where(self.at_rest, 0.0, push))
         forces = Accelerations(state[2], self._resting(free, pushed))
         kept = (a.copy() for a in (push, contacts, inertia))
         return _WorkedOut(forces, smooth, friction, free, pushed, *kept)
+
+    def _changed(
+        self, model: mujoco.MjModel, smooth: np.ndarray, inertia: np.ndarray, *, moved: bool
+    ) -> list[slice]:
+        """The trees in which forces `smooth`, mjData.M or what dry friction follows from are not as in the model as it
+        is; all where states or controls were `moved`, and where bodies touch.
+        """
+        every, own = trees(model), self._model
+        is_known = "_null" in self.__dict__ and model.opt.timestep == own.opt.timestep
+        if moved or len(every) == 1 or self.unshown.size or not is_known:
+            return every
+        differs = _apart(smooth, self._null.smooth).any(axis=0)
+        for name in _OF_FRICTION:
+            one, other = (getattr(m, name).reshape(model.nv, -1) for m in (model, own))
+            differs |= _apart(one, other).any(axis=1)
+        entries = np.flatnonzero(_apart(inertia, self._null.inertia).any(axis=0))
+        differs[model.M_colind[entries]] = True
+        return [tree for tree in every if differs[tree].any()]
 
     def _resting(self, free: np.ndarray, pushed: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
         """Accelerations (point, nv) of what moves by `free` without contacts, and is `pushed` by them as hard as keeps
@@ -679,10 +709,14 @@ class ForceBalance:
         return self._runner(self._model)
 
     def _inverse_mass(
-        self, model: mujoco.MjModel, packed: np.ndarray, here: np.ndarray | slice = slice(None)
+        self,
+        model: mujoco.MjModel,
+        packed: np.ndarray,
+        here: np.ndarray | slice = slice(None),
+        some: Sequence[slice] | None = None,
     ) -> np.ndarray:
-        """What dry friction works against, (point, nv, nv), from mjData.M at the points `here`."""
-        return inverse_of(model, self._holding(mass_matrix(model, packed), here))
+        """What dry friction works against, (point, nv, nv), from mjData.M at the points `here`, of `some` trees."""
+        return inverse_of(model, self._holding(mass_matrix(model, packed), here), some)
 
     def _inverse_felt(
         self, model: mujoco.MjModel, packed: np.ndarray, here: np.ndarray | slice = slice(None)
@@ -979,6 +1013,11 @@ def _remembers(effect: Effect) -> bool:
 
 def _is_same(one: Effect, other: Effect) -> bool:
     return type(one) is type(other) and one.site == other.site
+
+
+def _apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Where values (..., column) differ by more than rounding does of what is common in their column."""
+    return np.abs(one - other) > SETTINGS.rounding * np.abs(other).max(axis=0)
 
 
 def _felt(model: mujoco.MjModel, packed: np.ndarray) -> np.ndarray:

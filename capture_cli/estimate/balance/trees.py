@@ -1,5 +1,6 @@
 """Kinematic trees: what moves in one has no inertia in another, so that matrices fall into a block for each."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -12,10 +13,12 @@ def trees(model: mujoco.MjModel) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(first, [*first[1:], model.nv], strict=True)]
 
 
-def inverse_of(model: mujoco.MjModel, matrices: np.ndarray) -> np.ndarray:
-    """Of matrices (point, nv, nv) that fall into the trees' blocks."""
+def inverse_of(
+    model: mujoco.MjModel, matrices: np.ndarray, some: Sequence[slice] | None = None
+) -> np.ndarray:
+    """Of matrices (point, nv, nv) that fall into the trees' blocks; 0 but in `some` of them, where given."""
     inverse = np.zeros_like(matrices)
-    for own in trees(model):
+    for own in trees(model) if some is None else some:
         inverse[:, own, own] = np.linalg.inv(matrices[:, own, own])
     return inverse
 
@@ -31,10 +34,12 @@ def made_heavier(inverse: np.ndarray, heavier: np.ndarray) -> np.ndarray:
     return inverse
 
 
-def solved(model: mujoco.MjModel, matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """What such matrices map to the vectors (point, nv)."""
+def solved(
+    model: mujoco.MjModel, matrices: np.ndarray, vectors: np.ndarray, some: Sequence[slice] | None = None
+) -> np.ndarray:
+    """What such matrices map to the vectors (point, nv); 0 but in `some` trees, where given."""
     found = np.zeros_like(vectors)
-    for own in trees(model):
+    for own in trees(model) if some is None else some:
         found[:, own] = np.linalg.solve(matrices[:, own, own], vectors[:, own, None])[..., 0]
     return found
 
