@@ -8,6 +8,7 @@ from functools import partial
 import pytest
 from balances import Made
 from case_logs import log_of
+from held_inputs import MACHINES
 from setting_numbers import set_numbers
 
 from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
@@ -20,6 +21,7 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import NewSplit
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select import input_readings
@@ -28,6 +30,7 @@ from capture_cli.select.input_readings import timings_with_effects
 from capture_cli.select.time_limit import TimeLimit
 from capture_cli.stages.diagnose import _prepared
 from capture_cli.stages.log_to_fit import LogToFit
+from capture_cli.stages.record import record
 from capture_cli.store.provenance import Provenance
 
 # what a search among a few has to find
@@ -40,6 +43,7 @@ ASKED = (
 )
 # and one of commands alone
 LIKE_A_GAIN = ("control-reverse-gain", "control-gain", "control-lag", "control-delay", "coulomb-friction")
+LIKE_A_FILTER = ("control-second-order-lag", "sensor-low-pass", "reflected-inertia")
 QUIET = {"threads": 1}
 
 
@@ -172,6 +176,20 @@ def test_where_the_declared_model_explains_the_log_by_inputs_that_change_evenly_
     found = _prepared(to_fit, None, TimeLimit(), Progress("", "", quiet=True))
     assert found.task.holds == (HELD,)
     assert [t.hold for t in found.input_timings] == [HELD]
+
+
+def test_a_reading_that_explains_the_log_by_simulation_needs_no_effect(tmp_path):
+    """At 100 Hz the balance of a light finger leaves 8 times the noise: a filter and two commands a row fill it."""
+    task = str(MACHINES / "finger" / "task.toml")
+    out = tmp_path / "log.zarr"
+    drive = {"episodes": 4, "duration": 3.954, "rate": 100.0, "noise": 2.032e-4}
+    record(task=task, out=out, **drive, random_parameters=True, seed=1032)
+    log, task = MeasuredLog.read(out), load_task(task)
+    prepared = prepare(log, task, **QUIET)
+    assert prepared.input_timings == ()
+    few = [c for c in all_candidates(prepared) if c.placed.kind in LIKE_A_FILTER]
+    found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
+    assert [t.hold for t in found] == [HELD, HELD]
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -67,6 +67,10 @@ class Reading:
         """The model without effects."""
         return replace(self.model, effects=(), values=())
 
+    def without_effects(self) -> Reading:
+        """With the declared model alone."""
+        return replace(self, model=self.screening.judged(self.declared))
+
     def simpler(self) -> list[Reading]:
         """With one effect of fewer parameters in the place of its own, which the balance does not tell from that."""
         simpler = [replace(self, model=model) for model in self.screening.simpler(self.model)]
@@ -127,9 +131,9 @@ def timings_with_effects(
     So may inputs that each act in their own way, as the declared model says: that has to be surely better.
 
     prepared: with the task as it was given, and what the declared model alone says of its inputs; where that explains
-    the log with one reading, one effect with the other has to be surely better. prepared_as: makes the log ready for
-    another task. on_work is called before what takes long, which it may end by raising; on_step is told what is being
-    tried, the number of it, and of how many.
+    the log with one reading, one effect with the other has to be surely better, and simulations without one have to
+    leave something. prepared_as: makes the log ready for another task. on_work is called before what takes long, which
+    it may end by raising; on_step is told what is being tried, the number of it, and of how many.
     """
     log = replace(prepared, task=_read(prepared.task, HELD))
 
@@ -152,22 +156,29 @@ def timings_with_effects(
             changing = other
     told = prepared.input_timings
     holds = {t.hold for t in told}
+    known, other = (held, changing) if HELD in holds else (changing, held)
+    asked = [held, changing]
     if len(holds) == 1:
-        known, other = (held, changing) if HELD in holds else (changing, held)
-        best = other if other.is_surely_better_than(known) else known
+        asked = [known] if other.is_surely_better_than(known) else []
+    plain = _explaining([reading.without_effects() for reading in asked], prepared_as, threads)
+    if plain is not None:
+        best = plain
+    elif len(holds) == 1:
+        best = other if asked else known
     else:
         best = _of_pairs(held, changing, prepared_as, threads)
     best = _nearest_fit(best, prepared_as, threads)
     if holds == {best.hold}:
         return told, best.screening
-    if len(holds) > 1:
+    if len(holds) > 1 and plain is None:
         mixed = screening.read_as(with_timings(prepared.task, told).holds)
         if is_surely_better(best.model.likelihood, mixed.best().likelihood):
             return told, mixed
-    gain, error = best.model.gain((changing if best.hold == HELD else held).model)
-    asked = (c.name for c in prepared.task.inputs if c.hold is None)
+    other = changing if best.hold == HELD else held
+    gain, error = best.model.gain((other if best.model.effects else other.without_effects()).model)
+    unread = (c.name for c in prepared.task.inputs if c.hold is None)
     return tuple(
-        InputTiming(name, best.hold, gain, error, best.model.beyond_noise) for name in asked
+        InputTiming(name, best.hold, gain, error, best.model.beyond_noise) for name in unread
     ), best.screening
 
 
@@ -188,7 +199,7 @@ def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads
             return held
         if changing.is_surely_better_than(held) and changing.model.beyond_noise < SETTINGS.else_missing:
             return changing
-    explaining = _explaining(held, changing, prepared_as, threads)
+    explaining = _explaining([held, changing], prepared_as, threads)
     if explaining is not None:
         return explaining
     changing = changing.with_two()
@@ -202,18 +213,16 @@ def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads
     return _best_fit(held, [changing] if other is None else [changing, other], prepared_as, threads)
 
 
-def _explaining(
-    held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None
-) -> Reading | None:
+def _explaining(readings: Sequence[Reading], prepared_as: PreparedAs, threads: int | None) -> Reading | None:
     """The reading whose model, fitted by simulations, explains the log: then nothing else is missing. None where there
-    is none. One that is surely better in the balance is asked alone; of two that explain the log inputs that change
-    have to be clearly better. Simpler effects are asked, too: with a wrong one, that the balance cannot tell from it,
-    the right reading may do worse than the other.
+    is none. One that is surely better in the balance is asked alone; of two that explain the log the last, of inputs
+    that change, has to be clearly better. Simpler effects are asked, too: with a wrong one, that the balance cannot
+    tell from it, the right reading may do worse than the other.
     """
-    sure = [a for a, b in ((held, changing), (changing, held)) if a.is_surely_better_than(b)]
+    sure = [one for one in readings if any(one.is_surely_better_than(other) for other in readings)]
     each = (
         _that_explain([reading, *reading.simpler()], SETTINGS.asked_again, prepared_as, threads)
-        for reading in sure or (held, changing)
+        for reading in sure or readings
     )
     found = [_likeliest_fit(fits) for fits in each if fits]
     if not found:
