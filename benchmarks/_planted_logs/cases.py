@@ -24,7 +24,7 @@ from itertools import count
 
 import numpy as np
 
-from benchmarks._planted_logs.dresses import PLAIN, dressed
+from benchmarks._planted_logs.dresses import PLAIN, dressed, rate_in
 from benchmarks._planted_logs.machines import EPISODES, MACHINE, Experiment
 from benchmarks._planted_logs.outside import LEFT_OUT, OUTSIDE
 from benchmarks._planted_logs.sizes import Refit, Shown, size
@@ -86,7 +86,7 @@ class Case:
 
     @property
     def generator(self) -> np.random.Generator:
-        """The same for every magnitude and dress: machine, drive, noise and direction of the effect are alike."""
+        """The same for every magnitude and dress: machine, drive and direction of the effect are alike."""
         text = f"{self.kind}/{self.machine}/{'&'.join(self.planted)}"
         return np.random.default_rng([self.number, zlib.crc32(text.encode())])
 
@@ -102,7 +102,7 @@ class Case:
     def build(self) -> tuple[Task, MeasuredLog, Truth]:
         """The task, the log in its dress, and what is true of it. Raises NothingToFind."""
         generator = self.generator
-        made = Experiment(MACHINE[self.machine], generator, self.episodes)
+        made = Experiment(MACHINE[self.machine], generator, self.episodes, rate_in(self.dress))
         refit = Refit(made)
         planted = []
         for effect in self.effects(made.task.model):

@@ -8,11 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks._planted_logs.machines import RATE
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
 
-PLAIN, NO_WINDOW, HALF, QUARTER, LATE, FILTERED = (
+PLAIN, SLOW, NO_WINDOW, HALF, QUARTER, LATE, FILTERED = (
     "plain",
+    "slow",
     "no-window",
     "half-rate",
     "quarter-rate",
@@ -22,6 +24,7 @@ PLAIN, NO_WINDOW, HALF, QUARTER, LATE, FILTERED = (
 CUTOFF = 1 / 8  # of the sampling rate
 SETTLING = 64  # samples that the filter has seen before an episode begins
 
+SLOWLY = 50.0  # Hz: what servos on one bus are told, and read
 Dress = Callable[[MeasuredLog], MeasuredLog]
 
 
@@ -66,12 +69,18 @@ def _filtered(log: MeasuredLog) -> MeasuredLog:
 
 DRESSES: Mapping[str, Dress] = {
     PLAIN: lambda log: log,
+    SLOW: lambda log: log,
     NO_WINDOW: lambda log: log,
     HALF: _every(2),
     QUARTER: _every(4),
     LATE: _row_late,
     FILTERED: _filtered,
 }
+
+
+def rate_in(name: str) -> float:
+    """Commands and rows per second of the plain recording that is put in the dress `name`."""
+    return SLOWLY if name == SLOW else RATE
 
 
 def dressed(name: str, task: Task, log: MeasuredLog) -> tuple[Task, MeasuredLog]:

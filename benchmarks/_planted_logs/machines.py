@@ -57,15 +57,19 @@ MACHINE = {
 class Experiment:
     """One machine with its parameters, its drive and its noise; what an effect adds to it is all that changes.
 
+    rate: rows, and commands that are held, per second.
+
     time (step,) s; inputs (step, input); noise (step, output); noise_sd (output,); episodes: their steps.
     """
 
-    def __init__(self, machine: Machine, generator: np.random.Generator, episodes: int = EPISODES):
+    def __init__(
+        self, machine: Machine, generator: np.random.Generator, episodes: int = EPISODES, rate: float = RATE
+    ):
         self.task = machine.task
         self.parameters = self.task.space.from_unit(generator.uniform(size=len(self.task.space)))
         self.noise_sd = np.array([machine.noise[c.name] for c in self.task.outputs])
-        steps = round(DURATION * RATE) + 1
-        clock = np.arange(steps) / RATE
+        steps = round(DURATION * rate) + 1
+        clock = np.arange(steps) / rate
         self.time = np.tile(clock, episodes)
         self.episodes = [slice(i * steps, (i + 1) * steps) for i in range(episodes)]
         self.inputs = self._tapes(clock, generator)
