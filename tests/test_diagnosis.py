@@ -801,7 +801,7 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
     mask = np.ones((4, 50), dtype=bool)
     data = Data(ParameterSpace([]), np.zeros((4, 50, 1)), mask[..., None], np.ones(1), np.zeros((4, 2)))
     residuals = [np.full((4, 50), error) for error in (without, with_it)]
-    before = PartFit(data, np.zeros((4, 2)), residuals[0], np.zeros(4))
+    before = PartFit(data, np.zeros((4, 2)), residuals[0], *np.zeros((2, 4)))
     after = HeldOut(lack_held_out(data, residuals[1]))
     accepted = Accepted(Placed("a", None), None, [], None, share=1.0)
     assert judged_as(*lacking, before, after, [accepted]) == verdict

@@ -93,7 +93,7 @@ def part_leaving(residual: np.ndarray) -> PartFit:
     """What judges, where a model leaves this residual (window, step)."""
     space, shape, windows = slider().prepared.task.space, (*residual.shape, 1), len(residual)
     data = Data(space, np.zeros(shape), np.ones(shape, dtype=bool), np.ones(1), np.zeros((windows, 2)))
-    return PartFit(data, np.zeros((windows, 2)), residual, np.zeros(windows))
+    return PartFit(data, np.zeros((windows, 2)), residual, *np.zeros((2, windows)))
 
 
 def judged_by_blocks(

@@ -24,7 +24,7 @@ from capture_cli.model.parameters import ParameterSpace
 if TYPE_CHECKING:
     from capture_cli.estimate.model_fits import ModelFits
 
-LEFT = ("corrections", "residual", "taken_by_hidden")  # of a PartFit
+LEFT = ("corrections", "residual", "taken", "taken_by_hidden")  # of a PartFit
 
 Values = dict[str, Any]  # arrays, and what JSON can hold
 

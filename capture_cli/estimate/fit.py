@@ -79,8 +79,9 @@ class Fit:
 
         So that a model is not the better one for having a free number more in every window.
         """
-        share = self.at.taken_by_hidden.sum() / self.at.data.count
-        return float(np.square(self.at.residual).sum() * (1 + share))
+        at = self.at
+        share = at.taken_by_hidden.sum() / max(at.data.count - at.taken.sum(), 1.0)
+        return float(np.square(at.residual).sum() * (1 + share))
 
     @property
     def error(self) -> float:

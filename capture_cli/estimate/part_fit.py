@@ -15,19 +15,20 @@ from capture_cli.estimate.solve.linearization import Linearization
 class PartFit:
     """One part of the log at a fit's parameters, its initial states refined.
 
-    corrections (window, state): of the initial states. residual (window, row): in units of the noise. taken_by_hidden
-    (window,): see `Linearization`.
+    corrections (window, state): of the initial states. residual (window, row): in units of the noise. taken,
+    taken_by_hidden (window,): see `Linearization`.
     """
 
     data: Data
     corrections: np.ndarray
     residual: np.ndarray
+    taken: np.ndarray
     taken_by_hidden: np.ndarray
 
     @classmethod
     def of(cls, at: Linearization) -> Self:
         """The part that `at` is a linearization on."""
-        return cls(at.data, at.corrections, at.residual, at.taken_by_hidden)
+        return cls(at.data, at.corrections, at.residual, at.taken, at.taken_by_hidden)
 
     @classmethod
     def concatenate(cls, parts: Sequence[Self]) -> Self:
@@ -49,16 +50,16 @@ class PartFit:
         )
         residual = [padded(p.residual.reshape(p.data.measured.shape)) for p in parts]
         residual = np.concatenate(residual).reshape(len(data.measured), steps * outputs)
-        corrections, hidden = (
-            np.concatenate([getattr(p, n) for p in parts]) for n in ("corrections", "taken_by_hidden")
+        corrections, *taken = (
+            np.concatenate([getattr(p, n) for p in parts])
+            for n in ("corrections", "taken", "taken_by_hidden")
         )
-        return cls(data, corrections, residual, hidden)
+        return cls(data, corrections, residual, *taken)
 
     def rows(self, keep: np.ndarray) -> Self:
         """The windows at `keep` alone: their numbers, or a mask (window,)."""
-        return PartFit(
-            self.data.rows(keep), self.corrections[keep], self.residual[keep], self.taken_by_hidden[keep]
-        )
+        own = (v[keep] for v in (self.corrections, self.residual, self.taken, self.taken_by_hidden))
+        return PartFit(self.data.rows(keep), *own)
 
     @property
     def penalised_squares(self) -> np.ndarray:
@@ -67,9 +68,11 @@ class PartFit:
 
     @property
     def _penalty(self) -> np.ndarray:
-        """Factor on the squares of each window, (window,), for the free numbers that its hidden states are."""
-        count = self.data.mask.sum(axis=(1, 2))
-        return 1 + self.taken_by_hidden / np.maximum(count, 1)
+        """Factor on the squares of each window, (window,), for the free numbers that its hidden states are: each took a
+        square of the noise, as large as those that are left.
+        """
+        left = self.data.mask.sum(axis=(1, 2)) - self.taken
+        return 1 + self.taken_by_hidden / np.maximum(left, 1)
 
     @property
     def correlation_steps(self) -> float:

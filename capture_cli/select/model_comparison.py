@@ -445,14 +445,15 @@ class ModelComparison:
     def compare(self, mine: Candidate, other: Candidate) -> str:
         """Whether `other` is BETTER in the place of `mine`, or TIED with it, or why it is neither."""
         more, gain = self._more_and_gain(mine, other)
-        if more > 0 and self._whole(mine, other) < SETTINGS.clearly_better:
+        whole = self._whole(mine, other)
+        if more > 0 and whole < SETTINGS.clearly_better:
             is_same = similarity(mine.score.response, other.score.response) > SETTINGS.same_here
             # what more parameters are worth to windows that no fit saw is no matter of their number
             is_ahead = mine.select is not None and self._behind(mine, other) < -SETTINGS.as_likely
-            return TIED if (is_same or is_ahead) and self._indistinct(mine, other) else NOT_WORTH_IT
+            can_be = is_same or is_ahead or whole > 0
+            return TIED if can_be and self._indistinct(mine, other) else NOT_WORTH_IT
         if not self._indistinct(mine, other):
             # where fitted and judging windows disagree, the sum of both decides
-            whole = self._whole(mine, other)
             if min(abs(gain), abs(whole)) <= SETTINGS.strong:
                 return TIED
             return WORSE if whole < 0 else BETTER

@@ -366,7 +366,12 @@ class Linearization:
         (window,): by more than their own share where the other states go along with them.
         """
         hidden = self.data.movable >= self.data.initial_sd.shape[1] - self.data.hidden
-        return self._taken_by(np.ones_like(hidden)) - self._taken_by(~hidden)
+        return self.taken - self._taken_by(~hidden)
+
+    @cached_property
+    def taken(self) -> np.ndarray:
+        """Likewise all initial states, (window,)."""
+        return self._taken_by(np.ones(len(self.data.movable), dtype=bool))
 
     def _taken_by(self, states: np.ndarray) -> np.ndarray:
         """Likewise of these states (movable state,) alone: with H what they make of a residual r, the squares of

@@ -76,7 +76,7 @@ class Report:
         simulated, nominal, diverged = self._curves(corrections)
         recordings = self._recordings(found)
         data = self.prepared.data(self.fits.simulator([]))
-        whole = PartFit(data, corrections, data.residual(simulated), np.zeros(len(corrections)))
+        whole = PartFit(data, corrections, data.residual(simulated), *np.zeros((2, len(corrections))))
         held = held_out(self.fits, fit, found.covariance, whole, self.is_test)
         shorter = shorter_step(self.fits, self.result.part, fit, found)
         stamps = time_stamp_jitter(self.prepared, whole, fit.at, ~self.is_test)
