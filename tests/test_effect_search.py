@@ -191,6 +191,16 @@ def test_more_parameters_that_predict_better_are_tied(models, judged, said):
     assert models.compare(delay, filtered) == said
 
 
+@pytest.mark.parametrize(("gain", "said"), [(5.0, TIED), (-1.0, NOT_WORTH_IT), (20.0, BETTER)])
+def test_more_parameters_that_are_worth_their_price_are_tied(models, gain, said):
+    """A centre of mass beside a sensor's bias, by 5 of BIC and no better on what judges: it is what is there."""
+    blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
+    price = np.log(SAMPLES)  # of a parameter
+    bias = judged_by_blocks(1, 8140.0 * np.exp((gain + price) / SAMPLES), blocks)
+    shift = judged_by_blocks(2, 8140.0, blocks)
+    assert models.compare(bias, shift) == said
+
+
 @pytest.mark.parametrize(("left", "withdrawn"), [(1.0, True), (6.0, False)])
 def test_an_effect_is_withdrawn_where_without_it_the_model_does_as_well(models, monkeypatch, left, withdrawn):
     """A puck off a wall: with its restitution the model left 1; fitted again without it, it leaves 1, or 6, of 12."""

@@ -17,12 +17,13 @@ from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.intervals import unit_covariance
-from capture_cli.estimate.solve.linearization import Trial
+from capture_cli.estimate.solve.linearization import Data, Linearization, Trial
 from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects._transmission import TransmissionEffect
 from capture_cli.model.effects.base import Effect
 from capture_cli.model.effects.placed import Placed
+from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks import load_task
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.log_parts import select_folds
@@ -266,6 +267,28 @@ def test_a_free_number_in_every_window_does_not_make_a_model_the_better_one(tmp_
         assert left_held - left == pytest.approx(taken, abs=2 * np.sqrt(2 * taken)), "by chance alone"
         assert abs(squares - squares_held) < 0.5 * (left_held - left)
     assert judged.blocks(1000).sum() == pytest.approx(judged.penalised_squares.sum())
+
+
+def test_what_many_hidden_states_take_of_few_samples_is_counted_in_full():
+    """Of ten numbers of white noise in a window a fit of four states leaves six squares."""
+    windows, rows, states = 2000, 10, 4
+    generator = np.random.default_rng(0)
+    shape = (windows, rows, 1)
+    free, tried = np.ones((windows, states)), np.zeros((0, states))
+    data = Data(
+        ParameterSpace([]), np.zeros(shape), np.ones(shape, bool), np.ones(1), free, hidden_tried=tried
+    )
+    shown = 1e3 * generator.standard_normal((windows, rows, states))
+    noise, basis = generator.standard_normal((windows, rows, 1)), np.linalg.qr(shown)[0]
+    left = (noise - basis @ (basis.swapaxes(1, 2) @ noise))[..., 0]
+    at = Linearization(data, np.zeros(0), 0 * free, left, np.zeros((windows, rows, 0)), shown)
+    four_sd = 4 * np.sqrt(2 / (windows * (rows - states)))
+    assert np.square(left).sum() == pytest.approx(windows * (rows - states), rel=four_sd)
+    for squares in (
+        Fit((), data.space, np.zeros(0), at).penalised_squares,
+        PartFit.of(at).penalised_squares.sum(),
+    ):
+        assert squares == pytest.approx(windows * rows, rel=four_sd)
 
 
 def _hold_hidden(monkeypatch) -> None:
