@@ -162,9 +162,11 @@ class Attribution:
         return current
 
     def _search(self, declared: Fit) -> Fit:
-        """Where a rival in the place of an effect explains materially more, the search goes on from there."""
+        """Where a rival in the place of an effect explains materially more, the search goes on from there; where it
+        explains the log, with the rivals of that one.
+        """
         self.models.know(declared)
-        current = declared
+        current, explaining = declared, set()
         while True:
             current = self._without_minor(self._with_more(current))
             current = self._keep(self._backward(current, self.accepted, Support.reason_against))
@@ -172,10 +174,14 @@ class Attribution:
             compared = self._compare_with_rivals(current, self.accepted)
             if compared is current:
                 return self._keep(current)
+            explaining.add(names_of(current.effects))
             # with another in its place an effect may have nothing left to do
             before, current = current, self._backward(compared, self.accepted, Support.reason_against)
             self._keep(current)
-            if self.models.is_explained(current) or slight(before, current, REJECTION.material):
+            if self.models.is_explained(current):
+                if names_of(current.effects) in explaining:
+                    return current
+            elif slight(before, current, REJECTION.material):
                 return current
 
     def _with_more(self, current: Fit) -> Fit:
@@ -499,17 +505,20 @@ class Attribution:
     def _ask_again(self, current: Fit) -> None:
         """Rivals of accepted effects, by what the model without it leaves with the others in.
 
-        What spoke for one while others were missing may have been theirs. The last that came was asked then. Of a law
-        at several places one place is asked. What explains the log in its place is a rival whatever the balance says.
+        What spoke for one while others were missing may have been theirs. The last that came was asked then, among what
+        was as good as the best: it need not have been that, where that is what no simulation can do. So it is asked
+        again where it explains the log. Of a law at several places one place is asked. What explains the log in its
+        place is a rival whatever the balance says.
         """
         asked: set[tuple[str, str]] = set()
+        explained = self.models.is_explained(current)
         for accepted in self.accepted:
             if accepted.placed.law in asked:
                 continue
             asked.add(accepted.placed.law)
-            if accepted is not self.accepted[-1] or not accepted.rivals:
+            if explained or accepted is not self.accepted[-1] or not accepted.rivals:
                 self._ask_for_rivals(current, accepted)
-            if self.models.is_explained(current):
+            if explained:
                 self._ask_simulations_for_rivals(current, accepted)
 
     def _ask_for_rivals(self, current: Fit, accepted: Accepted) -> None:
@@ -527,7 +536,9 @@ class Attribution:
         known.discard(accepted.name)
         others = [c for c in ranked if c is not mine and c.name not in known]
         new = [c for c in others if _may_rival(mine.score, c.score)]
-        if self.models.is_explained(current):  # what is alike in the balance need not be in a simulation
+        if self.models.is_explained(current):
+            # what was fitted does not explain it; and what is alike in the balance need not be in a simulation
+            new = [c for c in new if not self.models.is_fitted([*without.effects, c.placed])]
             new = new[: SETTINGS.likeliest]
         else:
             new = worth_a_refit(new)[0][: FORWARD_ROUND.rivals]
