@@ -4,27 +4,34 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from balances import Made
+from case_logs import log_of
 from held_inputs import held_machine
 from machines import machine
 
+from benchmarks._planted_logs.cases import PLANTED, Case
 from capture_cli.estimate.balance.screening import BalancedModel
+from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
-from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.part_fit import PartFit
+from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.solve.linearization import Data, Linearization
+from capture_cli.estimate.split import NewSplit
+from capture_cli.log.input_sequences import HELD
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.finer_time_step import FinerTimeStep
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select import balance_round, search
 from capture_cli.select.balance_round import _ended, _ends
-from capture_cli.select.candidates import Candidate
+from capture_cli.select.candidates import Candidate, all_candidates
 from capture_cli.select.forward_round import _settles
-from capture_cli.select.log_parts import Folds
+from capture_cli.select.log_parts import Folds, LogParts
 from capture_cli.select.model_comparison import BETTER, NOT_WORTH_IT, TIED, WORSE, ModelComparison
 from capture_cli.select.score import Score
 from capture_cli.select.search import Accepted, Attribution
@@ -41,6 +48,12 @@ EFFECTS = {
     ("model", 1): "coulomb-friction@x",
     ("model", 2): "preloaded-spring@x",
 }
+
+
+LIKE_A_BIAS = (
+    *("spring-preload", "sensor-bias", "sensor-eccentricity", "reflected-inertia", "payload", "cogging"),
+    *("control-second-order-lag", "sensor-second-order-low-pass", "sensor-delay", "sensor-low-pass"),
+)
 
 
 @cache
@@ -465,3 +478,20 @@ def test_a_simpler_effect_is_asked_where_the_balance_prefers_one_with_more_param
     record(task=task, out=log, effects=effects, noise=5e-4, episodes=4, duration=3, rate=100, threads=1)
     [found] = diagnose(real_log=log, task=task, out=tmp_path / "d", quiet=True).document["effects"]
     assert "sensor-low-pass" in [found["name"], *(name.split("@")[0] for name in found["tied_with"])]
+
+
+def test_rivals_of_a_rival_that_takes_the_place_of_an_effect_are_asked():
+    """At 50 Hz the balance of a light finger puts first what no simulation can do, and an eccentric sensor before its
+    bias, which takes its place; the spring that rests elsewhere is a rival of that one.
+    """
+    case = Case(PLANTED, "finger", ("spring-preload@mcp",), 2.2, 1951297624, dress="slow")
+    task, log = log_of(case, 0.0061859)
+    task.inputs = tuple(replace(c, hold=HELD) for c in task.inputs)
+    prepared = prepare(log, task, split=NewSplit(seed=case.number), threads=1)
+    few = [c for c in all_candidates(prepared) if c.placed.kind in LIKE_A_BIAS]
+    parts, fits = LogParts.of(prepared), ModelFits(prepared, 1, from_balance=True)
+    declared = fits.fit(parts.fitted, [], task.space.nominal, effort=Effort(tolerance=FIT.exact))
+    attribution = Attribution(fits, parts.folds, seed=0, candidates=few)
+    attribution.run(declared)
+    (found,) = attribution.accepted
+    assert "spring-preload@mcp" in [found.name, *found.tied_with]
