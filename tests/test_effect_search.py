@@ -51,8 +51,9 @@ EFFECTS = {
 
 
 LIKE_A_BIAS = (
-    *("spring-preload", "sensor-bias", "sensor-eccentricity", "reflected-inertia", "payload", "cogging"),
-    *("control-second-order-lag", "sensor-second-order-low-pass", "sensor-delay", "sensor-low-pass"),
+    *("spring-preload@mcp", "sensor-bias@mcp", "sensor-eccentricity@mcp", "reflected-inertia@pip"),
+    *("payload@distal", "cogging@pip", "control-second-order-lag", "sensor-second-order-low-pass@pip"),
+    *("sensor-delay@pip", "sensor-low-pass@pip"),
 )
 
 
@@ -488,10 +489,27 @@ def test_rivals_of_a_rival_that_takes_the_place_of_an_effect_are_asked():
     task, log = log_of(case, 0.0061859)
     task.inputs = tuple(replace(c, hold=HELD) for c in task.inputs)
     prepared = prepare(log, task, split=NewSplit(seed=case.number), threads=1)
-    few = [c for c in all_candidates(prepared) if c.placed.kind in LIKE_A_BIAS]
+    few = [c for c in all_candidates(prepared) if c.name in LIKE_A_BIAS]
     parts, fits = LogParts.of(prepared), ModelFits(prepared, 1, from_balance=True)
     declared = fits.fit(parts.fitted, [], task.space.nominal, effort=Effort(tolerance=FIT.exact))
     attribution = Attribution(fits, parts.folds, seed=0, candidates=few)
     attribution.run(declared)
     (found,) = attribution.accepted
     assert "spring-preload@mcp" in [found.name, *found.tied_with]
+
+
+@pytest.mark.parametrize(("dress", "contradicts"), [("plain", False), ("slow", True)])
+def test_simulations_contradict_the_balance_between_commands_that_are_held_for_long(dress, contradicts):
+    """20 ms, in which a servo that swings in 0.2 s moves as its rows do not show."""
+    case = Case(PLANTED, "pan_tilt", ("control-bias@pan",), 2.2, 1725943794, dress=dress)
+    task, log = log_of(case, 0.0081)
+    task.inputs = tuple(replace(c, hold=HELD) for c in task.inputs)
+    prepared = prepare(log, task, threads=1)
+    few = [c for c in all_candidates(prepared) if c.placed.kind == "control-bias"]
+    bias = next(c.placed for c in few if c.name == "control-bias@pan")
+    parts, fits = LogParts.of(prepared), ModelFits(prepared, 1)
+    start = np.append(task.space.nominal, 0.003)
+    found = fits.fit(parts.fitted, [bias], start, effort=Effort(tolerance=FIT.exact))
+    attribution = Attribution(fits, parts.folds, seed=0, candidates=few)
+    assert attribution.models.is_explained(found)
+    assert attribution._contradicts_balance(found) is contradicts

@@ -121,8 +121,8 @@ def places(prepared: PreparedLog, name: str) -> list[Placed]:
 
 @pytest.mark.parametrize("name", REGISTRY.names())
 def test_an_effect_at_one_tree_does_nothing_to_another(prepared, monkeypatch, name):
-    apart = 0
-    for placed in places(prepared, name):
+    every, apart = places(prepared, name), 0
+    for placed in every[:: max(len(every) - 1, 1)]:  # the first and the last
         grouped, count, groups = answers(prepared, [placed], near=False)
         if groups == count:
             continue

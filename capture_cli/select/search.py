@@ -18,6 +18,7 @@ from capture_cli.errors import OutOfTime
 from capture_cli.estimate.balance.dictionary import acts_unshown
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.balance.screening import SETTINGS as SCREENING
+from capture_cli.estimate.balance.screening import BalancedModel
 from capture_cli.estimate.fit import Fit, thinned
 from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
@@ -62,6 +63,9 @@ class SETTINGS:
     better: float = 1e-3
     # of an effect's score, with the others in: what has more may be what is there in its place
     as_much: float = 0.8
+    # of the variance of the sensors' noise: what the balance of a model leaves beyond it, whose scores then tell
+    # little where simulations leave nothing
+    contradicts: float = 1.0
 
 
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
@@ -528,7 +532,12 @@ class Attribution:
             return
         inside = {a.name for a in self.accepted} - {accepted.name}
         candidates = [replace(c) for c in self.candidates if c.name not in inside]
-        ranked = self._scored(without, self._rest(current, accepted, without), candidates)
+        ranked = self._scored(
+            without,
+            self._rest(current, accepted, without),
+            candidates,
+            by_simulation=self._contradicts_balance(current),
+        )
         mine = next((c for c in ranked if c.name == accepted.name), None)
         if mine is None:
             return
@@ -585,17 +594,30 @@ class Attribution:
             return without
         return replace(without, point=np.delete(current.point, current.columns(accepted.name)))
 
-    def _scored(self, fitted: Fit, moved: Fit, candidates: Sequence[Candidate]) -> list[Candidate]:
+    def _scored(
+        self, fitted: Fit, moved: Fit, candidates: Sequence[Candidate], *, by_simulation: bool
+    ) -> list[Candidate]:
         """Those of the candidates that their scores speak for, best first: in the force balance about the `moved`
-        model, or, where that gives none, through simulations of the `fitted` one.
+        model, or, where that gives none, or by_simulation, through simulations of the `fitted` one.
         """
         screening = self.models.screening_about(moved, self._step)
-        if screening is None:
+        if screening is None or by_simulation:
             Scores(self.models, fitted, self._step).score(candidates)
             return by_score(candidates)
         candidates = [c for c in candidates if c.name in screening.covered]
         score_in_balance(screening, moved, candidates)
         return by_score(candidates)
+
+    def _contradicts_balance(self, current: Fit) -> bool:
+        """Whether simulations of the model explain the log, and the force balance does not: between commands that are
+        held for long a joint moves as its rows do not show.
+        """
+        screening = self.models.screening_about(current, self._step)
+        if screening is None or not self.models.is_explained(current):
+            return False
+        declared = current.point[: len(self.models.fits.prepared.task.space)]
+        model = BalancedModel(tuple(current.effects), declared, tuple(current.values))
+        return screening.judged(model).beyond_noise > SETTINGS.contradicts
 
     def _compare_with_rivals(self, current: Fit, some: Sequence[Accepted]) -> Fit:
         """Put rivals of `some` accepted effects in their places: swap where one is better, tie where none can tell."""
