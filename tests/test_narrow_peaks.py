@@ -254,6 +254,7 @@ def test_what_had_nothing_to_act_on_is_asked_again(logs, monkeypatch):
 @dataclass(frozen=True)
 class Left:
     excess: float
+    effects: tuple[Placed, ...] = ()
 
 
 @pytest.mark.parametrize(("left", "searched"), [(2.0, 2), (19.9, 1)])
@@ -273,3 +274,21 @@ def test_a_search_goes_on_from_a_rival_that_explains_materially_more(logs, monke
     monkeypatch.setattr(search, "_compare_with_rivals", lambda *_: swapped)
     assert search._search(Left(100.0)) is swapped
     assert begun == [Left(100.0), swapped][:searched]
+
+
+def test_a_search_asks_the_rivals_of_a_rival_that_explains_the_log_and_does_not_go_round(logs, monkeypatch):
+    """The first takes the place of the second, which took the place of the first."""
+    search, _ = attribution(logs["none"], PERIODIC)
+    first, second = (Left(0.0, (c.placed,)) for c in search.candidates[:2])
+    asked = []
+    monkeypatch.setattr(search.models, "know", lambda _: None)
+    monkeypatch.setattr(search.models, "is_explained", lambda _: True)
+    monkeypatch.setattr(search, "_with_more", lambda current: current if current.effects else first)
+    monkeypatch.setattr(search, "_ask_again", asked.append)
+    for name in ("_without_minor", "_keep", "_backward"):
+        monkeypatch.setattr(search, name, lambda current, *_: current)
+    monkeypatch.setattr(
+        search, "_compare_with_rivals", lambda current, _: second if current is first else first
+    )
+    assert search._search(Left(100.0)) is first
+    assert asked == [first, second]
