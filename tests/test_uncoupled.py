@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -52,6 +53,16 @@ time = "t"
 window = 0.5
 """
 ARMS = ("left", "right")
+INPUTS = [
+    f'[inputs.{n}_{d}]\ncolumn = "{n}_{d}"\nunit = "{u}"\n'
+    for n in ARMS
+    for d, u in (("servo", "rad"), ("motor", "N m"))
+]
+OUTPUTS = [
+    f'[outputs.{n}_{s}]\ncolumn = "{n}_{s}"\nunit = "{u}"\n'
+    for n in ARMS
+    for s, u in (("q1", "rad"), ("v1", "rad/s"), ("q2", "rad"))
+]
 
 
 def machine(more: str = "") -> str:
@@ -76,18 +87,8 @@ def prepared(tmp_path_factory) -> PreparedLog:
         for j in ("shoulder", "elbow")
         for a, (low, high) in targets.items()
     ]
-    inputs = [
-        f'[inputs.{n}_{d}]\ncolumn = "{n}_{d}"\nunit = "{u}"\n'
-        for n in ARMS
-        for d, u in (("servo", "rad"), ("motor", "N m"))
-    ]
-    outputs = [
-        f'[outputs.{n}_{s}]\ncolumn = "{n}_{s}"\nunit = "{u}"\n'
-        for n in ARMS
-        for s, u in (("q1", "rad"), ("v1", "rad/s"), ("q2", "rad"))
-    ]
     task = folder / "task.toml"
-    task.write_text("\n".join([TASK, *parameters, *inputs, *outputs]), encoding="utf-8")
+    task.write_text("\n".join([TASK, *parameters, *INPUTS, *OUTPUTS]), encoding="utf-8")
     log = record_log(folder, task, noise=1e-3, episodes=2, duration=1.0, seed=0)
     return prepare(log, load_task(str(task)))
 
@@ -153,6 +154,16 @@ def test_to_first_order_they_are_the_same(prepared, monkeypatch, name):
     off = [np.abs(found - expected).max(axis=(1, 2, 3)) for expected in (near, exact)]
     assert groups < count and (off[0] == 0).mean() > 0.5
     np.testing.assert_allclose(np.minimum(*off), 0, atol=1e-12)
+
+
+def test_states_alone_are_simulated_together(prepared, tmp_path):
+    """Of a task in which nothing is open."""
+    (tmp_path / "arms.xml").write_text(machine(), encoding="utf-8")
+    task = tmp_path / "task.toml"
+    task.write_text("\n".join([TASK, *INPUTS, *OUTPUTS]), encoding="utf-8")
+    prepared = replace(prepared, task=load_task(str(task)))
+    _, count, groups = answers(prepared, [], near=False)
+    assert (count, groups) == (1 + 8, 1 + 4)
 
 
 @pytest.mark.parametrize(

@@ -214,7 +214,9 @@ def _of_parameters(
     """By which fields of the model differ between the ends of a parameter's range, (parameter,)."""
     ends = np.stack([np.diag(space.low), np.diag(space.high)], axis=1)
     middle = (space.low + space.high) / 2
-    points = np.where(np.eye(len(space), dtype=bool)[:, None], ends, middle).reshape(-1, len(space))
+    points = np.where(np.eye(len(space), dtype=bool)[:, None], ends, middle).reshape(
+        2 * len(space), len(space)
+    )
     found = trees.of_fields(fields(np.concatenate([middle[None], points])))
     each = [one | other for one, other in zip(found[::2], found[1::2], strict=True)]
     return np.array([own.pop() if len(own) == 1 else SEVERAL for own in each], dtype=int)
