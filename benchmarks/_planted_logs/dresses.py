@@ -23,8 +23,8 @@ PLAIN, SLOW, NO_WINDOW, HALF, QUARTER, LATE, FILTERED = (
 )
 CUTOFF = 1 / 8  # of the sampling rate
 SETTLING = 64  # samples that the filter has seen before an episode begins
-
 SLOWLY = 50.0  # Hz: what servos on one bus are told, and read
+
 Dress = Callable[[MeasuredLog], MeasuredLog]
 
 

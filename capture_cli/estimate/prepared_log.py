@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -138,10 +138,19 @@ class PreparedLog:
         Initial states that are known for certain stay where they are. Windows that need not be simulated count as
         diverged.
         """
+        return self._in_groups(simulator, trial, self._evaluated)
+
+    def _in_groups(
+        self, simulator: Simulator, trial: Trial, ask: Callable[[Simulator, Trial], tuple]
+    ) -> tuple:
+        """What `ask` gives of a trial, whose candidates are simulated together where they move other trees."""
         grouped = Grouped.of(simulator.trees, trial.parameters, trial.corrections)
-        if grouped is not None:
-            few = replace(trial, parameters=grouped.parameters, corrections=grouped.corrections)
-            return grouped.apart(simulator.trees, *self.evaluate(simulator, few))
+        if grouped is None:
+            return ask(simulator, trial)
+        few = replace(trial, parameters=grouped.parameters, corrections=grouped.corrections)
+        return grouped.apart(simulator.trees, *ask(simulator, few))
+
+    def _evaluated(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
         if trial.windows is not None:
             which, moved = trial.windows, trial.corrections[:, trial.windows]
             outputs = np.zeros((len(trial), *self.windows.measured.shape))
@@ -159,14 +168,7 @@ class PreparedLog:
 
     def answer(self, simulator: Simulator, trial: Trial) -> tuple:
         """What `evaluate` gives; of a trial for which first order will do, also whether all of it was simulated."""
-        if not trial.near:
-            return self.evaluate(simulator, trial)
-        grouped = Grouped.of(simulator.trees, trial.parameters, trial.corrections)
-        if grouped is None:
-            return self._near(simulator, trial)
-        few = replace(trial, parameters=grouped.parameters, corrections=grouped.corrections)
-        outputs, diverged, exact = self._near(simulator, few)
-        return *grouped.apart(simulator.trees, outputs, diverged), exact
+        return self._in_groups(simulator, trial, self._near if trial.near else self._evaluated)
 
     @np.errstate(over="ignore", invalid="ignore")  # what runs away to first order is simulated
     def _near(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray, bool]:

@@ -21,7 +21,7 @@ from capture_cli.model.tasks.base import Task
 from capture_cli.model.world import Force
 from capture_cli.simulate.engine import Engine, Keep, Rollouts
 from capture_cli.simulate.tangent_linear import NearSimulations, cost
-from capture_cli.simulate.uncoupled import Trees, groups
+from capture_cli.simulate.uncoupled import Slot, Trees, as_they_act, groups
 
 
 @frozen
@@ -112,22 +112,13 @@ class _Drives:
         return replace(self, **{name: v if v is None else v[some] for name, v in own.items()})
 
 
-@dataclass(frozen=True)
-class _Slot:
-    """An effect with where its parameters stand among all, and its states among the hidden ones."""
-
-    effect: Effect
-    parameters: slice
-    states: slice
-
-
-def _slots(effects: Sequence[Effect], first: int, hidden: int) -> list[_Slot]:
+def _slots(effects: Sequence[Effect], first: int, hidden: int) -> list[Slot]:
     """One after the other, from there on among all parameters and hidden states."""
     slots = []
     for effect in effects:
         parameters = slice(first, first + len(effect.parameters))
         states = slice(hidden, hidden + len(effect.states))
-        slots.append(_Slot(effect, parameters, states))
+        slots.append(Slot(effect, parameters, states))
         first, hidden = parameters.stop, states.stop
     return slots
 
@@ -309,9 +300,10 @@ class Simulator:
         """Whether `simulate_near`, and a simulation of each window to check it, takes less than `simulate`."""
         windows, remembering = corrections.shape[1], self._remembering(parameters)
         driven = ((parameters != parameters[0]).any(axis=1) & ~remembering).sum()
-        states = self._own_states + sum(len(own.effect.kernel_keeps) for own in self._placed)
-        if self.trees is not None:
-            states = groups(self.trees.path)[1]
+        if self.trees is None:
+            states = self._own_states + sum(len(own.effect.kernel_keeps) for own in self._placed)
+        else:
+            _, states = groups(self.trees.path)
         near = cost(windows, states, driven) + (1 + remembering.sum()) * windows
         return _moving(parameters, corrections).sum() * windows > near
 
@@ -572,7 +564,7 @@ class Simulator:
                 first=drives.first,
                 late=drives.late,
             )
-            for own in sorted(self._placed, key=lambda own: own.effect.reads_acceleration)
+            for own in as_they_act(self._placed)
         ]
         return [f for f in forces if f is not None]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -31,12 +31,18 @@ _OBJECTS = {
 NAMED = {name: name for name in ("body", "site", "geom", "actuator", "sensor")} | {"jnt": "joint"}
 
 
-class Slot(Protocol):
+@dataclass(frozen=True)
+class Slot:
     """An effect with where its parameters stand among all, and its states among the hidden ones."""
 
     effect: Effect
     parameters: slice
     states: slice
+
+
+def as_they_act(slots: Sequence[Slot]) -> list[Slot]:
+    """In the order in which their forces are added: those that read the acceleration come last."""
+    return sorted(slots, key=lambda slot: slot.effect.reads_acceleration)
 
 
 @dataclass(frozen=True)
@@ -117,30 +123,21 @@ class Trees:
         trees = ModelTrees.of(model)
         if trees is None:
             return None
-        own = [trees.of_site(slot.effect) for slot in slots]
-        if any(_joins(slot.effect, tree) for slot, tree in zip(slots, own, strict=True)):
+        if any(_joins(slot.effect, trees.of_site(slot.effect)) for slot in slots):
             return None
         parameters = _of_parameters(trees, space, fields)
-        for slot, tree in zip(slots, own, strict=True):
+        for slot in slots:
             if slot.effect.place != "model" and slot.parameters.start < len(space):
-                parameters[slot.parameters] = tree
+                parameters[slot.parameters] = trees.of_site(slot.effect)
+        hidden = [trees.of_site(s.effect) for s in slots for _ in s.effect.states]
+        kept = [trees.of_site(s.effect) for s in as_they_act(slots) for _ in s.effect.kernel_keeps]
         dof, actuator = trees.of_objects["dof"], trees.of_objects["actuator"]
-        path = [dof, dof, np.repeat(actuator, np.maximum(model.actuator_actnum, 0))]
-        hidden, kept = (
-            [np.full(len(n), t) for t, n in zip(own, names, strict=True)]
-            for names in (
-                [slot.effect.states for slot in slots],
-                [slot.effect.kernel_keeps for slot in slots],
-            )
-        )
-        kept = [
-            k for _, k in sorted(zip(slots, kept, strict=True), key=lambda e: e[0].effect.reads_acceleration)
-        ]
+        path = [*dof, *dof, *np.repeat(actuator, np.maximum(model.actuator_actnum, 0))]
         return cls(
             parameters,
-            np.concatenate([*path, *hidden]).astype(int),
+            np.array([*path, *hidden], dtype=int),
             trees.of_columns[outputs],
-            np.concatenate([*path, *kept]).astype(int),
+            np.array([*path, *kept], dtype=int),
             trees.of_columns,
             actuator,
         )
@@ -181,13 +178,15 @@ class Grouped:
             begun[number][:, there] = corrections[candidate][:, there]
         return cls(group, tree, own, begun)
 
-    def apart(self, trees: Trees, outputs: np.ndarray, diverged: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Outputs (candidate, window, step, output) and diverged (candidate, window) from those of the groups."""
+    def apart(self, trees: Trees, outputs: np.ndarray, diverged: np.ndarray, *more: Any) -> tuple:
+        """Outputs (candidate, window, step, output) and diverged (candidate, window) from those of the groups, and
+        what is said of all of them.
+        """
         each = outputs[self.group]
         for tree in np.unique(self.tree[self.tree != SEVERAL]):
             which, others = np.flatnonzero(self.tree == tree), np.flatnonzero(trees.outputs != tree)
             each[which[:, None], :, :, others] = np.moveaxis(outputs[0][..., others], -1, 0)
-        return each, diverged[self.group]
+        return each, diverged[self.group], *more
 
 
 def groups(tree: np.ndarray) -> tuple[np.ndarray, int]:
