@@ -47,7 +47,7 @@ from capture_cli.model.effects._actuator_effect import ActuatorEffect
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.base import Effect
-from capture_cli.model.fields import ModelFields
+from capture_cli.model.fields import ModelFields, model_field
 from capture_cli.model.mujoco_warnings import silence_mujoco
 from capture_cli.model.world import APPLIED, World
 
@@ -520,6 +520,7 @@ class ForceBalance:
         self.smoothed.task.write(fields, point[None])
         for effect, values in writing:
             effect.write(fields, values[None])
+        self._written_fields.update(fields.values)
         model = copy(self.model)
         for name, values in fields.values.items():
             target = getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name)
@@ -536,9 +537,16 @@ class ForceBalance:
 
     def _differs_in_friction_alone(self, model: mujoco.MjModel) -> bool:
         """Whether it is the model as it is but for dry friction, which is worked out here."""
-        one, other = copy(model), copy(self._model)
-        one.dof_frictionloss[:] = other.dof_frictionloss[:] = 0.0
-        return _as_bytes(one) == _as_bytes(other)
+        pairs = (
+            [model_field(m, name) for m in (model, self._model)]
+            for name in self._written_fields - {"dof_frictionloss"}
+        )
+        return all(np.array_equal(one, other) for one, other in pairs)
+
+    @cached_property
+    def _written_fields(self) -> set[str]:
+        """Names of the fields in which models differ that were written so far."""
+        return set()
 
     def _runner(self, model: mujoco.MjModel) -> batch.Batch:
         """A simulation at every point, none of which is stepped."""
@@ -998,12 +1006,6 @@ def _driven_columns(effects: Sequence[Effect], count: int) -> np.ndarray:
     if not all(isinstance(e, ActuatorEffect) for e in effects):
         return np.arange(count)
     return np.unique(np.concatenate([np.zeros(0, dtype=int), *(e.columns for e in effects)]))
-
-
-def _as_bytes(model: mujoco.MjModel) -> bytes:
-    buffer = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
-    mujoco.mj_saveModel(model, None, buffer)
-    return buffer.tobytes()
 
 
 def _remembers(effect: Effect) -> bool:

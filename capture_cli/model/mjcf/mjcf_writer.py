@@ -15,6 +15,7 @@ from capture_cli.model.mjcf.assets import name_from, name_in_full
 from capture_cli.model.mjcf.impossible_inertia import impossible_inertias, without_rounding
 from capture_cli.model.mjcf.model_file import MUJOCO_ERRORS, free_centres, refuse_not_finite, refused
 
+_UNNAMED = "without a name: "
 # of what a model is made of; a file that is loaded again has as many
 _SIZES = [
     "nq",
@@ -41,7 +42,7 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path, header: str = "") -
     _refuse_impossible(source, fields)
     with refused(source):
         spec = mujoco.MjSpec.from_file(str(source))
-        assets = name_in_full(spec, fields.model)
+        assets = name_in_full(spec, spec.compile())
     folders = _point_at_folders(spec, source, target) if assets else {}
     from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     if "geom_size" in fields.values or (from_geoms and any(n.startswith("body_") for n in fields.values)):
@@ -56,10 +57,11 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path, header: str = "") -
         free_centres(spec, [body.name for body in spec.bodies])
     with refused(source):
         model = spec.compile()
+    geoms = _geoms_of(source, fields.model) if model.ngeom > fields.model.ngeom else slice(None)
     _fix_gains(spec, model)
     for name, values in fields.values.items():
         if name != "actuator_biastype":  # set above
-            _assign(model, name, values[0])
+            _assign(model, name, values[0], geoms)
     try:
         mujoco.mj_setConst(model, mujoco.MjData(model))
         refuse_not_finite(source, model, cure="look at the values that were found, and identify again")
@@ -130,11 +132,23 @@ def _fix_rest_lengths(spec: mujoco.MjSpec) -> None:
         tendon.springlength = lengths
 
 
-def _assign(model: mujoco.MjModel, name: str, value: np.ndarray) -> None:
+def _geoms_of(source: Path, model: mujoco.MjModel) -> np.ndarray:
+    """Which geoms of the MJCF at `source` those of the `model` are, which is without those only looked at, (geom,)."""
+    spec = mujoco.MjSpec.from_file(str(source))
+    for number, geom in enumerate(spec.geoms):
+        geom.name = geom.name or f"{_UNNAMED}{number}"
+    names = [geom.name for geom in spec.geoms]
+    spec.compiler.discardvisual = True
+    return np.array([names.index(g.name) for g in map(spec.compile().geom, range(model.ngeom))], dtype=int)
+
+
+def _assign(model: mujoco.MjModel, name: str, value: np.ndarray, geoms: np.ndarray | slice) -> None:
     if name.startswith("opt.") and np.ndim(value) == 0:
         setattr(model.opt, name[4:], float(value))
     elif name == "body_inertia":
         model.body_inertia[:] = without_rounding(value)
+    elif name.startswith("geom_"):
+        model_field(model, name)[geoms] = value
     else:
         model_field(model, name)[...] = value
 

@@ -33,6 +33,8 @@ class SETTINGS:
 # of a model that MuJoCo does not take
 MUJOCO_ERRORS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
 _XML = (".xml", ".mjcf", ".urdf")
+_COUNTS = ("nq", "nv", "nu", "na", "nbody", "njnt", "nsite", "ntendon", "neq", "nsensordata")
+_INERTIAL = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "dof_M0")
 _NO_MEMORY = ("allocate memory", "unknown exception")  # what MuJoCo says where there is none left
 _OBJECTS = {  # how the names of a model's fields begin, and of what they are
     "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
@@ -79,6 +81,32 @@ def files_of(path: Path) -> list[Path]:
     _refuse_unreadable(path)
     with refused(path):
         return sorted(map(Path, mujoco.mju_getXMLDependencies(str(path))))
+
+
+def without_visuals(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
+    """What moves of the `model`, compiled of `spec`: without meshes, textures and geoms that are only looked at, of
+    which models of real robots are full, and which every copy of one copies. The model itself where a sensor sees them.
+    """
+    if not (model.nmesh or model.ntex or model.nhfield) or _are_seen(model):
+        return model
+    spec.compiler.discardvisual = True
+    try:
+        lean = spec.compile()
+    except MUJOCO_ERRORS:
+        return model
+    same = all(getattr(lean, name) == getattr(model, name) for name in _COUNTS)
+    same = same and all(np.allclose(getattr(lean, n), getattr(model, n), rtol=1e-12) for n in _INERTIAL)
+    return lean if same else model
+
+
+def _are_seen(model: mujoco.MjModel) -> bool:
+    """Whether what does not collide shows: to a rangefinder, as a ground to what flies, or as what a medium flows
+    around.
+    """
+    sees = (model.sensor_type == int(mujoco.mjtSensor.mjSENS_RANGEFINDER)).any()
+    visual = (model.geom_contype | model.geom_conaffinity) == 0
+    grounds = model.geom_type[visual] == int(mujoco.mjtGeom.mjGEOM_PLANE)
+    return bool(sees or grounds.any() or model.geom_fluid[:, 0].any())
 
 
 def free_centres(spec: mujoco.MjSpec, names: Collection[str] = ()) -> None:
@@ -153,7 +181,7 @@ class _Compiling:
         self._refuse_timestep(model)
         refuse_not_finite(self.path, model, cure="look there for a number that is missing or far too large")
         self._step(model)
-        return model
+        return without_visuals(spec, model)
 
     def save(self, name: str) -> bytes:
         """Write the model, as MuJoCo does, to the file of that `name`."""
