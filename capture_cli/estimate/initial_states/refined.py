@@ -66,8 +66,7 @@ def fit_initial_states(
     )
     for _ in range(SETTINGS.searches):
         stuck = data.standing_out(found.residual)
-        if not data.rough:  # there the draws about the best are others each time
-            stuck, searched = np.setdiff1d(stuck, searched), np.union1d(stuck, searched)
+        stuck, searched = np.setdiff1d(stuck, searched), np.union1d(stuck, searched)
         others = data.other_initial_states(found.corrections, stuck, drawn)[:, stuck]
         if not others.size:
             break
