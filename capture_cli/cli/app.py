@@ -23,6 +23,7 @@ _NO_COMMANDS = ("app", "program")
 _FIRST = (  # in this order in --help, before those of other files
     "identify",
     "diagnose",
+    "draft-task",
     "import-log",
     "inspect",
     "record",

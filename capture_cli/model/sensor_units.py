@@ -120,7 +120,7 @@ def refuse_other_units(
     of sensors whose unit depends on what drives or measures: actuators, tendons and the user's own. entry: the output's
     table; where: its place, for the error.
     """
-    own = _reported(model, sensor)
+    own = reported_unit(model, sensor)
     written = _readings(unit)
     if own is None or not written:
         return
@@ -198,7 +198,7 @@ def unit_in_name(column: str, own: str) -> tuple[str, float] | None:
     return None if factor in (None, 1.0) else (unit, factor)
 
 
-def _reported(model: mujoco.MjModel, sensor: int) -> str | None:
+def reported_unit(model: mujoco.MjModel, sensor: int) -> str | None:
     """The unit of a sensor; None where its kind alone does not say it."""
     kind = int(model.sensor_type[sensor])
     for of, by_joint in _OF_JOINTS.items():
