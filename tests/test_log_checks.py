@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from capture_cli.common.quantities import percent
 from capture_cli.errors import FitError
 from capture_cli.estimate.log_requirements import check_parameters_move_outputs
 from capture_cli.estimate.prepare import prepare
@@ -59,3 +60,11 @@ def test_what_shows_in_one_window_alone_moves_outputs(tmp_path):
 def test_what_shows_in_none_is_named(tmp_path):
     with pytest.raises(FitError, match="'cart': bounce moves no output of this log"):
         check_parameters_move_outputs(driven(tmp_path, bump=0.0), seed=0, threads=1)
+
+
+@pytest.mark.parametrize(
+    ("share", "digits", "text"),
+    [(0.0312, 0, "3 %"), (0.00017, 1, "0.02 %"), (0.0, 1, "0.0 %"), (1.0, 0, "100 %"), (0.004, 0, "0.4 %")],
+)
+def test_a_share_is_never_shown_as_none(share, digits, text):
+    assert percent(share, digits) == text

@@ -111,8 +111,9 @@ def told(p: Mapping[str, Any]) -> str:
 
 
 def percent(share: float, digits: int = 0) -> str:
-    """0.0312 -> "3 %", as everywhere with a space."""
-    return f"{100 * share:.{digits}f} %"
+    """0.0312 -> "3 %", as everywhere with a space; of less than these digits show the first that is not 0."""
+    text = f"{100 * share:.{digits}f}"
+    return f"{100 * share:.1g} %" if share and not float(text) else f"{text} %"
 
 
 def shown_unit(unit: str) -> str:

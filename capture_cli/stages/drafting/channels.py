@@ -24,8 +24,8 @@ class SETTINGS:
     # Times the model's own value, or what the joint's weight and inertia suggest, whichever is more: the upper end
     above: float = 5.0
     friction: float = 0.3  # of the joint's characteristic force
-    # Times the model's own value: gains are off by as much
-    least_gain: float = 0.05
+    # Times the model's own value, between which a gain is looked for: published ones were 56 times too high (SO-101)
+    least_gain: float = 0.005
     most_gain: float = 5.0
 
 
