@@ -73,7 +73,7 @@ class SmoothedLog:
         sources = _sources(task)
         within = np.ones(len(log.time), dtype=bool) if within is None else within
         outputs = _between_samples(log, {c for s in sources for c in s.columns})
-        hits = _hits(task.model, log, outputs, sources) & within
+        hits = _hits(task.model, log, outputs, sources, within)
         within = within & ~hits
         smoothed = cls._smoothed(log, task, within, sources)
         rest = smoothed._rest(outputs)
@@ -228,10 +228,13 @@ def _positions(model: mujoco.MjModel, outputs: np.ndarray, sources: Sequence[Sou
     return qpos
 
 
-def _hits(model: mujoco.MjModel, log: Log, outputs: np.ndarray, sources: Sequence[Source]) -> np.ndarray:
-    """Steps (step,) at which a measured coordinate may hit something."""
+def _hits(
+    model: mujoco.MjModel, log: Log, outputs: np.ndarray, sources: Sequence[Source], within: np.ndarray
+) -> np.ndarray:
+    """Steps (step,), of those `within`, at which a measured coordinate may hit something."""
+    hits = np.zeros(len(log.time), dtype=bool)
     if not can_touch(model):
-        return np.zeros(len(log.time), dtype=bool)
+        return hits
     third = np.concatenate([np.diff(outputs[e], n=3, axis=0) for e in log.episodes])
     noise = np.median(np.abs(third), axis=0) / SETTINGS.normal_median / np.sqrt(SETTINGS.third_difference)
     sd, travel = np.zeros(model.nv), np.zeros((len(log.time), model.nv))
@@ -242,7 +245,8 @@ def _hits(model: mujoco.MjModel, log: Log, outputs: np.ndarray, sources: Sequenc
         moved = np.abs(np.diff(qpos[episode][:, places], axis=0))
         travel[episode][1:] = moved
         travel[episode][:-1] = np.maximum(travel[episode][:-1], moved)
-    return impacts(model, qpos, sd, travel)
+    hits[within] = impacts(model, qpos[within], sd, travel[within])
+    return hits
 
 
 def _series(log: Log, parts: Sequence[slice], columns: Sequence[int]) -> dict[int, list[Series]]:
