@@ -50,11 +50,8 @@ def draft_task(*, model: Path, out: Path, log: Path | None = None, force: bool =
     inputs, outputs = list(inputs_of(compiled)), list(outputs_of(compiled))
     columns = open_source(log).columns if log else ()
     time = time_column(columns)
-    if log:
-        found = _found([*inputs, *outputs], [c for c in columns if c != time])
-    else:
-        asked = [*inputs, *(o for o in outputs if o.role in (None, POSITION))]
-        found = {c.name: [c.name + w.axis for w in c.wanted] for c in asked}
+    others = [c for c in columns if c != time]
+    found = _found([*inputs, *outputs], others) if log else _named_alike(inputs, outputs)
     measured = [o for o in outputs if o.name in found]
     if not measured:
         raise _nothing_measured(model, log, columns, outputs)
@@ -69,11 +66,9 @@ def draft_task(*, model: Path, out: Path, log: Path | None = None, force: bool =
         texts.append((beside, _with_sensors(model, lacking)))
     write_texts(texts, force=force)
     load_task(str(out))
-    used = {time, *(column for own in found.values() for column in own)}
     names = {n: [c for c in own if c] for n, own in found.items()}
-    return Draft(
-        out, beside, names, tuple(p.name for p in opened), tuple(c for c in columns if c not in used)
-    )
+    used = {column for own in names.values() for column in own}
+    return Draft(out, beside, names, tuple(p.name for p in opened), tuple(c for c in others if c not in used))
 
 
 def _found(channels: Sequence[Channel], columns: Sequence[str]) -> dict[str, list[str]]:
@@ -81,6 +76,12 @@ def _found(channels: Sequence[Channel], columns: Sequence[str]) -> dict[str, lis
     each = iter(matched([w for c in channels for w in c.wanted], columns))
     own = {c.name: [next(each) or "" for _ in c.wanted] for c in channels}
     return {c.name: own[c.name] for c in channels if (all if c.whole else any)(own[c.name])}
+
+
+def _named_alike(inputs: Sequence[Channel], outputs: Sequence[Channel]) -> dict[str, list[str]]:
+    """Columns that are called like the channels: of the outputs those that have a sensor, and positions of joints."""
+    asked = [*inputs, *(o for o in outputs if o.role in (None, POSITION))]
+    return {c.name: [c.name + w.axis for w in c.wanted] for c in asked}
 
 
 def _nothing_measured(
