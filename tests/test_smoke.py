@@ -18,6 +18,7 @@ pytestmark = pytest.mark.smoke
 
 OF_A_LOG = (
     "record",
+    "draft-task",
     "inspect",
     "import-log",
     "identify",
@@ -55,6 +56,8 @@ def test_from_a_log_to_a_model(done, tmp_path, monkeypatch):
     plant = "--param mass=1.5 --effect coulomb-friction@x=2 --noise 0.0005 --seed 3 --threads 1"
     done(f"record --task {task} {plant} --episodes 4 --duration 1.5 --rate 250 --out made.zarr --quiet")
     write_csv(MeasuredLog.read(tmp_path / "made.zarr"), tmp_path / "run.csv")
+    drafted = json.loads(done(f"draft-task {task.parent}/model.xml --log run.csv --out draft.toml --json"))
+    assert drafted["columns"] == {"drive": ["force_N"], "q": ["q_m"]}
     done(f"import-log run.csv --task {task} --out log.zarr --quiet")
     inspected = json.loads(done(f"inspect log.zarr --task {task} --json"))
     assert inspected["kind"] == "measured-log" and len(inspected["recordings"]) == 1
