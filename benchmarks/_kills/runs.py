@@ -85,6 +85,7 @@ RUNS = {
     run.name: run
     for run in (
         Run(f"{_RECORD} --duration 1 --out log.zarr", ["log.zarr", "log.truth.json"]),
+        Run(f"draft-task {INPUTS}/machine/model.xml --out task.toml", ["task.toml"]),
         Run(f"{_IMPORT} {INPUTS}/one.csv --out log.zarr", ["log.zarr"]),
         Run(f"{_IMPORT} {INPUTS}/two.csv --out log.zarr --append", ["log.zarr"], replaced="first.zarr"),
         Run(f"identify {_LOG} --out estimate", ["estimate"]),
