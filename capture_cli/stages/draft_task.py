@@ -59,7 +59,11 @@ def draft_task(*, model: Path, out: Path, log: Path | None = None, force: bool =
     beside = model.with_name(f"{model.stem}_sensors.xml") if lacking else model
     opened = list(parameters_of(compiled))
     driven = [i for i in inputs if i.name in found]
-    lines = [*_head(out, beside, time, log), *_parameters(opened), *_channels("inputs", driven, found)]
+    lines = [
+        *_head(model.stem, os.path.relpath(beside, out.parent), time, log),
+        *_parameters(opened),
+        *_channels("inputs", driven, found),
+    ]
     lines += [*_channels("outputs", measured, found), *_without_column(inputs, outputs, found, log)]
     texts = [(out, "\n".join(lines) + "\n")]
     if lacking:
@@ -99,12 +103,12 @@ def _nothing_measured(
     )
 
 
-def _head(out: Path, model: Path, time: str | None, log: Path | None) -> Iterator[str]:
+def _head(name: str, model: str, time: str | None, log: Path | None) -> Iterator[str]:
     yield f"# A draft of `capture draft-task`{f', by the columns of {log.name}' if log else ''}. Go through it: are the"
     yield "# columns the right ones, and may the machine be outside of the bounds? Docs: task-file.md"
     yield f"format = {FORMAT}"
-    yield f"name = {json.dumps(out.resolve().parent.name)}"
-    yield f"model = {json.dumps(os.path.relpath(model, out.parent))}"
+    yield f"name = {json.dumps(name)}"
+    yield f"model = {json.dumps(model)}"
     yield "\n[log]"
     unknown = "" if time or not log else "  # no column is called so"
     yield f"time = {json.dumps(time or 'time')}{unknown}"
