@@ -29,15 +29,7 @@ def draft_task(options: DraftTaskOptions) -> None:
 
     draft = stage(model=options.model, out=options.out, log=options.log, force=options.force)
     if options.json_:
-        print_json(
-            {
-                "task": str(draft.task),
-                "model": str(draft.model),
-                "columns": draft.columns,
-                "parameters": draft.parameters,
-                "unused": draft.unused,
-            }
-        )
+        print_json({**vars(draft), "task": str(draft.task), "model": str(draft.model)})
     elif not options.quiet:
         print(f"{draft.task}: written; {len(draft.parameters)} parameters, {len(draft.columns)} channels")
         if draft.model != options.model:

@@ -15,11 +15,10 @@ from capture_cli.model.sensor_units import unit_in_name
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.mjcf_file import FORMAT
 from capture_cli.stages.drafting.channels import Channel, Opened, inputs_of, outputs_of, parameters_of
-from capture_cli.stages.drafting.column_names import POSITION, VELOCITY, matched, time_column, words
+from capture_cli.stages.drafting.column_names import POSITION, VELOCITY, matched, time_column
 from capture_cli.store.output import refuse_existing, refuse_inputs, refuse_misnamed, write_texts
 
 SENSORS = {POSITION: "jointpos", VELOCITY: "jointvel"}
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key of TOML without quotes
 
 
@@ -112,9 +111,8 @@ def _head(name: str, model: str, time: str | None, log: Path | None) -> Iterator
     yield "\n[log]"
     unknown = "" if time or not log else "  # no column is called so"
     yield f"time = {json.dumps(time or 'time')}{unknown}"
-    scale = next((TIME_UNITS[w] for w in words(time or "")[1:] if w in TIME_UNITS), 1.0)
-    if scale != 1.0:
-        yield f"time_scale = {scale:g}"
+    if written := unit_in_name(time or "", "s"):
+        yield f"time_scale = {written[1]:g}"
 
 
 def _parameters(opened: Sequence[Opened]) -> Iterator[str]:

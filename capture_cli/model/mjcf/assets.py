@@ -22,14 +22,12 @@ _KINDS = {
 _QUOTES = {'"': "&quot;", "'": "&apos;"}
 
 
-def name_in_full(spec: mujoco.MjSpec, model: mujoco.MjModel) -> set[str]:
+def name_in_full(spec: mujoco.MjSpec) -> set[str]:
     """Give every asset the whole path of its file, with which it compiles wherever the model lies; returns the paths.
 
-    model: what was compiled of it, which knows where it found them.
+    What the model discards is taken from the spec, too.
     """
-    if spec.compiler.discardvisual:
-        # what is discarded is not in the model; this takes it from the spec, too
-        model = spec.compile()
+    model = spec.compile()  # it knows where it found them
     faces = list(_faces(spec))
     found = set()
     for elements, (kind, addresses) in _KINDS.items():

@@ -42,7 +42,7 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path, header: str = "") -
     _refuse_impossible(source, fields)
     with refused(source):
         spec = mujoco.MjSpec.from_file(str(source))
-        assets = name_in_full(spec, spec.compile())
+        assets = name_in_full(spec)
     folders = _point_at_folders(spec, source, target) if assets else {}
     from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     if "geom_size" in fields.values or (from_geoms and any(n.startswith("body_") for n in fields.values)):

@@ -154,7 +154,7 @@ class MjcfFile(Task):
         period, scale = own.positive("period", cure=anew), _scale(own)
         if period is not None:
             refuse_period_in_other_unit(period, unit, scale, own.where)
-        axes = _AXES.get(size, tuple(f"_{i}" for i in range(size)))
+        axes = endings(size)
         return [
             Channel(
                 name=name + axes[i],
@@ -215,6 +215,11 @@ class MjcfFile(Task):
                 f'add <{kind} name="{name}" joint="{name}"/> under <sensor> of the model: outputs are sensors'
             )
         return did_you_mean(name, filter(None, names))
+
+
+def endings(size: int) -> tuple[str, ...]:
+    """Of the names of a sensor's values, of which it has so many."""
+    return _AXES.get(size, tuple(f"_{i}" for i in range(size)))
 
 
 def _tables(table: Table, key: str) -> Iterator[tuple[str, Table]]:

@@ -16,7 +16,8 @@ from capture_cli.model.effects._scales import (
 )
 from capture_cli.model.quaternion_signs import is_quaternion
 from capture_cli.model.sensor_units import reported_unit
-from capture_cli.stages.drafting.column_names import AXES, COMMAND, EFFORT, POSITION, VELOCITY, Wanted
+from capture_cli.model.tasks.mjcf_file import endings
+from capture_cli.stages.drafting.column_names import COMMAND, EFFORT, POSITION, VELOCITY, Wanted
 
 
 @frozen
@@ -68,17 +69,19 @@ def inputs_of(model: mujoco.MjModel) -> Iterator[Channel]:
         if not name or model.actuator_ctrlnum[a] != 1 or model.actuator_delay[a] > 0:
             continue
         joint = driven_joint(model, a)
-        names = (name, model.joint(joint).name) if joint >= 0 else (name,)
-        turns = joint >= 0 and model.jnt_type[joint] == HINGE
+        if joint < 0:
+            yield Channel(name, "1", (Wanted((name,), (COMMAND, EFFORT)),))
+            continue
+        travel, force = _units(model, joint)
         _, of_position, of_velocity = model.actuator_biasprm[a, :3]
-        servo, plain = joint >= 0, model.actuator_gainprm[a, 0] == model.actuator_gear[a, 0] == 1
-        if servo and of_position:
-            unit, roles = "rad" if turns else "m", (COMMAND,)
-        elif servo and of_velocity:
-            unit, roles = "rad/s" if turns else "m/s", (COMMAND, VELOCITY)
+        if of_position:
+            unit, roles = travel, (COMMAND,)
+        elif of_velocity:
+            unit, roles = f"{travel}/s", (COMMAND, VELOCITY)
         else:
-            unit, roles = ("N m" if turns else "N") if servo and plain else "1", (COMMAND, EFFORT)
-        yield Channel(name, unit, (Wanted(names, roles),))
+            is_force = model.actuator_gainprm[a, 0] == model.actuator_gear[a, 0] == 1
+            unit, roles = force if is_force else "1", (COMMAND, EFFORT)
+        yield Channel(name, unit, (Wanted((name, model.joint(joint).name), roles),))
 
 
 def outputs_of(model: mujoco.MjModel) -> Iterator[Channel]:
@@ -93,16 +96,11 @@ def outputs_of(model: mujoco.MjModel) -> Iterator[Channel]:
             names.append(model.joint(model.sensor_objid[s]).name)
             sensed.add((names[1], role))
         roles, size, whole = (role,) if role else (), int(model.sensor_dim[s]), is_quaternion(model, s)
-        axes = "" if size == 1 else AXES[-size:] if size <= len(AXES) else map(str, range(size))
-        ends = [f"_{axis}" for axis in axes] or [""]
-        wanted = tuple(Wanted(tuple(n + end for n in names), roles, end) for end in ends)
+        wanted = tuple(Wanted(tuple(n + end for n in names), roles, end) for end in endings(size))
         yield Channel(name, reported_unit(model, s) or "1", wanted, whole)
     for joint in _joints(model):
-        name, turns = model.joint(joint).name, model.jnt_type[joint] == HINGE
-        for role, unit, ending in (
-            (POSITION, "rad" if turns else "m", "_pos"),
-            (VELOCITY, "rad/s" if turns else "m/s", "_vel"),
-        ):
+        name, (travel, _) = model.joint(joint).name, _units(model, joint)
+        for role, unit, ending in ((POSITION, travel, "_pos"), (VELOCITY, f"{travel}/s", "_vel")):
             if (name, role) not in sensed:
                 yield Channel(name + ending, unit, (Wanted((name,), (role,)),), joint=name, role=role)
 
@@ -110,12 +108,13 @@ def outputs_of(model: mujoco.MjModel) -> Iterator[Channel]:
 def parameters_of(model: mujoco.MjModel) -> Iterator[Opened]:
     """Damping, dry friction and armature of each named hinge and slide joint, and gains of position servos."""
     for joint in _joints(model):
-        name, dof, turns = model.joint(joint).name, model.jnt_dofadr[joint], model.jnt_type[joint] == HINGE
-        force, speed = characteristic_force(model, joint), characteristic_speed(model, joint)
+        name, dof, (travel, force) = model.joint(joint).name, model.jnt_dofadr[joint], _units(model, joint)
+        most, speed = characteristic_force(model, joint), characteristic_speed(model, joint)
+        mass = "kg m^2" if model.jnt_type[joint] == HINGE else "kg"
         for attribute, unit, own, usual in (
-            ("damping", "N m s/rad" if turns else "N s/m", model.dof_damping[dof], force / speed),
-            ("frictionloss", "N m" if turns else "N", model.dof_frictionloss[dof], SETTINGS.friction * force),
-            ("armature", "kg m^2" if turns else "kg", model.dof_armature[dof], inertia(model, joint)),
+            ("damping", f"{force} s/{travel}", model.dof_damping[dof], most / speed),
+            ("frictionloss", force, model.dof_frictionloss[dof], SETTINGS.friction * most),
+            ("armature", mass, model.dof_armature[dof], inertia(model, joint)),
         ):
             high = max(SETTINGS.above * float(own), usual)
             yield Opened(f"{name}_{attribute}", f"joint:{name}:{attribute}", unit, 0.0, high)
@@ -124,6 +123,11 @@ def parameters_of(model: mujoco.MjModel) -> Iterator[Opened]:
         if name and gain > 0 and bias == -gain:
             low, high = SETTINGS.least_gain * float(gain), SETTINGS.most_gain * float(gain)
             yield Opened(f"{name}_kp", f"actuator:{name}:kp", "N m/rad", low, high)
+
+
+def _units(model: mujoco.MjModel, joint: int) -> tuple[str, str]:
+    """Of the travel of a hinge or slide joint, and of the force on it."""
+    return ("rad", "N m") if model.jnt_type[joint] == HINGE else ("m", "N")
 
 
 def _joints(model: mujoco.MjModel) -> list[int]:
