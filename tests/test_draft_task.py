@@ -95,6 +95,16 @@ def test_parameters_are_those_of_joints_and_servos_within_bounds(tmp_path):
     assert all(0 <= p["low"] < p["high"] for p in opened.values())
 
 
+def test_the_gain_of_a_servo_on_a_slide_is_in_its_units(tmp_path):
+    model = tmp_path / "rail.xml"
+    model.write_text(
+        ARM.format(sensors="").replace('name="shoulder_pan" axis', 'name="shoulder_pan" type="slide" axis')
+    )
+    task = tomllib.loads(draft_task(model=model, out=tmp_path / "task.toml").task.read_text())
+    assert task["parameters"]["pan_kp"]["unit"] == "N/m"
+    assert task["inputs"]["pan"]["unit"] == "m"
+
+
 def test_axes_and_attitudes_have_a_column_each(tmp_path):
     task = drafted(tmp_path, "time,hand_x,hand_z,turned_w,turned_x,turned_y,turned_z", HAND)
     assert columns_of(task, "outputs") == {

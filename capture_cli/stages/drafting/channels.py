@@ -122,7 +122,9 @@ def parameters_of(model: mujoco.MjModel) -> Iterator[Opened]:
         name, gain, bias = model.actuator(a).name, model.actuator_gainprm[a, 0], model.actuator_biasprm[a, 1]
         if name and gain > 0 and bias == -gain:
             low, high = SETTINGS.least_gain * float(gain), SETTINGS.most_gain * float(gain)
-            yield Opened(f"{name}_kp", f"actuator:{name}:kp", "N m/rad", low, high)
+            joint = driven_joint(model, a)
+            travel, force = _units(model, joint) if joint >= 0 else ("m", "N")  # of a tendon, its length
+            yield Opened(f"{name}_kp", f"actuator:{name}:kp", f"{force}/{travel}", low, high)
 
 
 def _units(model: mujoco.MjModel, joint: int) -> tuple[str, str]:
