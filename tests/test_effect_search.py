@@ -215,18 +215,6 @@ def test_more_parameters_that_are_worth_their_price_are_tied(models, gain, said)
     assert models.compare(bias, shift) == said
 
 
-@pytest.mark.parametrize(("left", "withdrawn"), [(1.0, True), (6.0, False)])
-def test_an_effect_is_withdrawn_where_without_it_the_model_does_as_well(models, monkeypatch, left, withdrawn):
-    """A puck off a wall: with its restitution the model left 1; fitted again without it, it leaves 1, or 6, of 12."""
-    effect = of_slider(EFFECTS["force", 1])
-    declared, found, again = (
-        fit_leaving(squares, *effects, samples=1000)
-        for effects, squares in (((), 12.0), ((effect,), 1.0), ((), left))
-    )
-    monkeypatch.setattr(models.fits, "fit", lambda *_, **__: again)
-    assert (models.as_well_without(declared, found) is again) is withdrawn
-
-
 @pytest.mark.parametrize(
     ("shares", "error", "kept"),
     [

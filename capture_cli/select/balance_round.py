@@ -1,7 +1,6 @@
 """One round of the search where the log gives a force balance: the best sets of effects there, fitted by simulation."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -14,8 +13,6 @@ from capture_cli.select.balance_scores import score_in_balance
 from capture_cli.select.beam import SETTINGS as BEAM
 from capture_cli.select.beam import Level, grown
 from capture_cli.select.candidates import Candidate
-from capture_cli.select.forward_round import SETTINGS as FORWARD_ROUND
-from capture_cli.select.forward_round import alike_unfitted, by_score, reject_at_first_sight
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import (
@@ -23,21 +20,18 @@ from capture_cli.select.rejection import (
     leaves_something,
     needed_error,
     no_gain,
-    out_of_range,
     slight,
 )
+from capture_cli.select.round import Round, by_score
 
 # of a fit whose effects are at ends of their ranges: which effects, at which ends, and what that says
 AtEnds = tuple[frozenset[str], frozenset, str]
 
 
-class BalanceRound:
+class BalanceRound(Round):
     """What may be added to the model `current`, of the candidates that the screening covers.
 
-    most: effects, or laws at all of their places, to add. on_step is told what is being tried, the number of it, and of
-    how many.
-
-    ranked: candidates that their scores speak for, best first.
+    most: effects, or laws at all of their places, to add.
     """
 
     def __init__(
@@ -50,47 +44,13 @@ class BalanceRound:
         most: int,
         on_step: Callable[[str, int, int], None],
     ):
-        self.models = models
-        self.current = current
-        self.useful_error = models.useful_error(current)
-        self.on_step = on_step
-        self.candidates = {c.name: c for c in candidates}
+        super().__init__(models, current, candidates, on_step=on_step)
         score_in_balance(screening, current, candidates)
         self.ranked = by_score(candidates)
-        self._before, self._best = models.judge(current), None
         self._at_ends: list[AtEnds] = []
         # beside what was found already one is looked for at a time
         sizes = 1 if current.effects else most
         self.supported = self._search(grown(screening, current.effects, current.values, sizes), sizes)
-
-    def choose(self) -> tuple[FittedSet, list[Candidate]] | None:
-        """Of the supported models the best, and of those it cannot be told from that with the fewest parameters. With
-        it, where it has one effect more, its rivals: the others with one, and what was not fitted and does nearly the
-        same as one of these.
-        """
-        supported = self.models.not_given_up(self.supported)
-        if not supported:
-            self._reject_unfitted([])
-            return None
-        best = self.models.best_of(supported)
-        as_good = [s for s in supported if s is best or self.models.as_good(best, s)]
-        chosen = min(as_good, key=lambda s: (len(s.fit.point), s.fit.penalised_squares))
-        names, rivals = [e.name for e in chosen.added], []
-        for other in sorted(supported, key=lambda s: s.fit.penalised_squares):
-            if len(other.added) == 1 and other.added[0].name not in names:
-                self._reject(other.added, f"{' and '.join(names)} explains as much with less, or more")
-                rivals.append(replace(self.candidates[other.added[0].name]))
-        unfitted = self._reject_unfitted(names)
-        if len(names) > 1:
-            return chosen, []
-        rivals = rivals[: FORWARD_ROUND.rivals]
-        return chosen, [*rivals, *alike_unfitted(unfitted, [self.candidates[names[0]], *rivals])]
-
-    def _reject_unfitted(self, names: Sequence[str]) -> list[Candidate]:
-        """Say why candidates are out that nothing else is said of, but those called `names`; they are returned."""
-        found = [c for c in self.ranked if c.why_rejected is None and c.name not in names]
-        reject_at_first_sight(found, self.ranked)
-        return found
 
     def _search(self, levels: Iterator[Level], sizes: int) -> list[FittedSet]:
         """Those of the models that hold on what judges, fitted by simulation: of each size those that are as good as
@@ -204,16 +164,17 @@ class BalanceRound:
         needed = min(material, self.useful_error, to_reach)
         effort = Effort(rival=rival, to_reach=to_reach, needed=needed, material=material, escapes=False)
         fit = self.models.fit(model.effects, model.start, self.current, effort)
-        reason = self._unfit(fit, added, smaller, to_explain) or self._unsupported(fit, added)
+        reason, found = self._unfit(fit, added, smaller, to_explain) or self._unsupported(added, fit), []
         if not reason:
-            fit = self.models.escaped(fit, rival, self.useful_error)
+            found = [self._escaped(added, fit)]
+            fit = found[0].fit
             reason = self._left(fit, to_explain)
         self._best = least([rival, fit])
         if reason:
             self._reject(added, reason)
             return []
-        self.models.held.append(FittedSet(added, fit, self.models.judge(fit)))
-        return self.models.held[-1:]
+        self.models.held += found
+        return found
 
     def _left(self, fit: Fit, to_explain: bool) -> str | None:
         """What is said against a model by what its fit leaves. to_explain: whether that has to be nothing."""
@@ -230,27 +191,11 @@ class BalanceRound:
             reason = self._left(fit, to_explain)
         if reason:
             return reason
-        reason = _first(out_of_range(models, current, fit, placed) for placed in added)
+        reason = self._out_of_range(added, fit)
         if reason:
             values = [fit.point[fit.columns(e.name)] for e in added]
             self._at_ends.append((names_of(added), _ends(added, values), reason))
         return reason
-
-    def _unsupported(self, fit: Fit, added: Sequence[Placed]) -> str | None:
-        """What simulations of other windows say against it."""
-        models, current = self.models, self.current
-        candidates = [self.candidates[e.name] for e in added]
-        support, _ = models.support_of(current, fit, candidates, self._before, len(self.candidates))
-        return support.reason_against_entry()
-
-    def _reject(self, added: Sequence[Placed], reason: str) -> None:
-        """Say why an effect is out; of several at once none is out for that."""
-        if len(added) == 1:
-            self.candidates[added[0].name].why_rejected = reason
-
-
-def _first(reasons: Iterable[str | None]) -> str | None:
-    return next((r for r in reasons if r), None)
 
 
 def _is_one_law(added: Sequence[Placed]) -> bool:

@@ -39,8 +39,8 @@ def score_in_balance(screening: Screening, current: Fit, candidates: Sequence[Ca
     shapes_tried = Counter(a.placed.name for a in screening.atoms)
     found = {a.placed.name: a for a in screening.additions(current.effects, current.values)}
     for candidate in candidates:
-        candidate.fit = candidate.select = candidate.support = candidate.score = None
-        candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
+        candidate.score = None
+        candidate.why_rejected = candidate.start_elsewhere = None
         candidate.shapes_tried = max(shapes_tried[candidate.name], 1)
         addition = found.get(candidate.name)
         if addition is None:

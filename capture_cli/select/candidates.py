@@ -71,7 +71,7 @@ class WORTH:
 
 
 # of a candidate, and of its score, what a round says
-SCORED = ("start", "start_elsewhere", "start_doubted", "shapes_tried", "why_rejected")
+SCORED = ("start", "start_elsewhere", "shapes_tried", "why_rejected")
 SCORE_FIELDS = tuple(f.name for f in fields(Score))
 
 
@@ -79,8 +79,7 @@ SCORE_FIELDS = tuple(f.name for f in fields(Score))
 class Candidate:
     """An effect at a site, and what became of it in the last round that it was tried in.
 
-    start: where a refit begins; start_elsewhere: at another peak, of an effect that repeats. start_doubted: where more
-    would be explained, by values that are not believed (`Effect.doubt`) while anything is left.
+    start: where a refit begins; start_elsewhere: at another peak, of an effect that repeats.
     """
 
     placed: Placed
@@ -92,7 +91,6 @@ class Candidate:
     why_rejected: str | None = None
     shapes_tried: int = 1
     start_elsewhere: np.ndarray | None = None
-    start_doubted: np.ndarray | None = None
 
     @property
     def name(self) -> str:
@@ -108,7 +106,6 @@ def take(candidate: Candidate, value: Callable[[str], Any]) -> None:
     """Let its score say what was `told`, of which `value` gives what is called so, or None."""
     for name in SCORED:
         setattr(candidate, name, value(name))
-    candidate.fit = candidate.select = candidate.support = None
     candidate.score = None if value("gain") is None else Score(*map(value, SCORE_FIELDS))
 
 
@@ -222,8 +219,8 @@ def _as_driven(prepared: PreparedLog) -> mujoco.MjModel:
 
 def score_at_null(narrow: NarrowPeaks, candidate: Candidate) -> None:
     """Fill in the candidate's score and where a refit should start, or why it is out."""
-    candidate.fit = candidate.select = candidate.support = candidate.score = None
-    candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
+    candidate.score = None
+    candidate.why_rejected = candidate.start_elsewhere = None
     shapes, tried = _shapes(narrow, candidate.placed.effect)
     candidate.shapes_tried = tried * len(candidate.placed.effect.states_scored)
     probed = _probed(narrow, candidate, shapes, SETTINGS.probes)
@@ -237,7 +234,6 @@ def score_at_null(narrow: NarrowPeaks, candidate: Candidate) -> None:
         believed = [s for s in scored if not narrow.doubts(effect, s[1])] or scored
         candidate.score, candidate.start = believed[0]
         candidate.start_elsewhere = _at_another_peak(effect, [s for _, s in believed])
-        candidate.start_doubted = None if believed[0] is scored[0] else scored[0][1]
     if candidate.score is None:
         candidate.why_rejected = "every simulation with it diverged"
     elif not probed.moves:

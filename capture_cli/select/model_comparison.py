@@ -17,7 +17,7 @@ from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
 from capture_cli.estimate.noise.lack_of_fit import lack_held_out, lack_of_fit
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.solve.least_squares import SETTINGS as LEAST_SQUARES
-from capture_cli.model.effects.placed import Placed, names_of
+from capture_cli.model.effects.placed import Placed
 from capture_cli.select.balance_scores import screening_of
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.criterion import SETTINGS as CRITERION
@@ -76,7 +76,6 @@ class ModelComparison:
     folds: what is fitted, and what judges; nothing judges where the log is one window long.
 
     excess: squared error above the noise floor of the declared model. held: what holds so far in the round under way.
-    given_up: by the names of their effects, models that were chosen, and led back to one that was there before.
     """
 
     def __init__(self, fits: ModelFits, folds: Folds, *, seed: int):
@@ -86,7 +85,6 @@ class ModelComparison:
         self.seed = seed
         self.excess = REGRESSION.tiny
         self.held: list[FittedSet] = []
-        self.given_up: set[frozenset[str]] = set()
         self.candidates: Sequence[Candidate] = ()
         self._screening: Screening | object | None = _NOT_MADE
         self._about: tuple[Fit, Screening | None] | None = None
@@ -120,10 +118,6 @@ class ModelComparison:
             return False
         own = PartFit.of(both.at).rows(judged[seen])
         return not lack_held_out(own.data, own.residual).lacking
-
-    def not_given_up(self, some: Sequence[FittedSet]) -> list[FittedSet]:
-        """Those that the search may choose: the others led it back."""
-        return [s for s in some if names_of(s.fit.effects) not in self.given_up]
 
     def useful_error(self, current: Fit) -> float:
         """The error above which a model with more than `current` is of no use: near the floor, where `current` leaves
@@ -260,13 +254,6 @@ class ModelComparison:
             return None
         self.know(found)
         return found
-
-    def as_well_without(self, current: Fit, found: Fit) -> Fit | None:
-        """A better fit of the `current` model, begun where `found` ended, if what that has more is then worth nothing:
-        it was no more than the escape from a poor minimum.
-        """
-        again = self.better_from(current, found)
-        return None if again is None or self.is_better(again, found) else again
 
     def better_from(self, current: Fit, found: Fit) -> Fit | None:
         """A better fit of the `current` model, begun where `found` ended, which has more parameters: contacts make the

@@ -60,11 +60,8 @@ class NarrowPeaks:
             return rest, len(rest)
         gains = self._gains(effect, points, path, pulses, response)
         doubted = np.array([self.doubts(effect, p) for p in points])
-        best = [
-            _peaks(np.where(doubted, -np.inf, gains), SETTINGS.peaks),
-            _peaks(np.where(doubted, gains, -np.inf), 1),
-        ]
-        return np.concatenate([points[np.concatenate(best)], rest]), len(points) + len(rest)
+        best = _peaks(np.where(doubted & ~doubted.all(), -np.inf, gains), SETTINGS.peaks)
+        return np.concatenate([points[best], rest]), len(points) + len(rest)
 
     def doubts(self, effect: Effect, values: np.ndarray) -> bool:
         """Whether the log's episodes are too short to believe an effect of these values (parameter,)."""

@@ -30,18 +30,14 @@ from capture_cli.select.balance_scores import score_in_balance
 from capture_cli.select.candidates import Candidate, all_candidates, worth_a_refit
 from capture_cli.select.criterion import Support
 from capture_cli.select.forward_round import SETTINGS as FORWARD_ROUND
-from capture_cli.select.forward_round import (
-    ForwardRound,
-    Scores,
-    by_score,
-    do_the_same,
-    reject_at_first_sight,
-)
+from capture_cli.select.forward_round import ForwardRound, Scores
 from capture_cli.select.log_parts import Folds
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import TIED, WORSE, FittedSet, ModelComparison
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import out_of_range, slight
+from capture_cli.select.round import SETTINGS as ROUND
+from capture_cli.select.round import Choice, by_score, do_the_same, reject_at_first_sight
 from capture_cli.select.score import Score
 
 
@@ -59,8 +55,6 @@ class SETTINGS:
     left_by_steps: float = 0.5
     # gain of a score: less than chance gives whatever acts, but once in a thousand times
     acts: float = 1e-6
-    # of the error of a model that is found again: by less it is the same
-    better: float = 1e-3
     # of an effect's score, with the others in: what has more may be what is there in its place
     as_much: float = 0.8
     # of the variance of the sensors' noise: what the balance of a model leaves beyond it, whose scores then tell
@@ -71,10 +65,6 @@ class SETTINGS:
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
 NOT_ASKED = "not asked: simulations alone tell of it, and the force balance found another"
 STEPS_AS_WELL = "{mine} does as well, and so do steps of this length"
-
-
-# What may be accepted, and candidates that did as well
-Choice = tuple[FittedSet, list[Candidate]]
 
 
 @dataclass
@@ -130,7 +120,7 @@ class Attribution:
         self.models.candidates = self.candidates
         self.accepted: list[Accepted] = []
         self._told: set[str] = set()  # of an explained log, what simulations alone are sure of
-        self._ended: dict[frozenset[str], float] = {}  # error of the models that rounds ended with
+        self._extended: set[frozenset[str]] = set()  # models, by their effects, that something was added to
         self._promised: dict[str, float] = {}  # by its last score through the simulator, squared noise floors
         self.out_of_time = False
 
@@ -189,21 +179,17 @@ class Attribution:
                 return current
 
     def _with_more(self, current: Fit) -> Fit:
-        """The model with what can be added to it."""
-        while self._count < self.most_effects and self._is_missing(current):
+        """The model with what can be added to it; it ends, too, where what was added led back to a model that it began
+        with.
+        """
+        while self._may_extend(current):
             known = len(self.accepted)
             if not known:
                 self.models.excess = max(current.excess, REGRESSION.tiny)
-            self._ended.setdefault(names_of(current.effects), current.error)
-            found = chosen = self._next(current)
+            self._extended.add(names_of(current.effects))
+            found = self._next(current)
             if found is None:
                 break
-            better = self.models.as_well_without(current, found) if len(self.accepted) == known + 1 else None
-            if better is not None:
-                withdrawn = self._candidate(self.accepted.pop().name)
-                withdrawn.why_rejected = "without it, fitted again from where it led, the model does as well"
-                current = better
-                continue
             earlier = [a.name for a in self.accepted[:known]]
             found = self._split(found, self.accepted[known:])
             current = self._backward(found, self.accepted, Support.reason_against_entry)
@@ -211,17 +197,12 @@ class Attribution:
             if not self.models.is_explained(current):
                 asked = [a for a in self.accepted if a.name in earlier]
                 current = self._compare_with_rivals(current, asked)
-            self._end_round(self._keep(current), chosen)
+            self._keep(current)
         return current
 
-    def _end_round(self, current: Fit, chosen: Fit) -> None:
-        """Give up the model `chosen` where it led back to one that a round ended with before, and no better fit of it:
-        the search would go round.
-        """
-        names = names_of(current.effects)
-        if current.error >= (1 - SETTINGS.better) * self._ended.get(names, np.inf):
-            self.models.given_up.add(names_of(chosen.effects))
-        self._ended[names] = current.error
+    def _may_extend(self, current: Fit) -> bool:
+        new = names_of(current.effects) not in self._extended
+        return new and self._count < self.most_effects and self._is_missing(current)
 
     def _is_missing(self, current: Fit) -> bool:
         """Whether more is left than chance allows; or, of the declared model, an effect predicts blocks that no fit saw
@@ -378,7 +359,7 @@ class Attribution:
         if screening is not None:
             covered = [c for c in self._outside if c.name in screening.covered]
             score_in_balance(screening, current, covered)
-            asked += by_score(covered)[: FORWARD_ROUND.rivals]
+            asked += by_score(covered)[: ROUND.rivals]
         choice = ForwardRound(self.models, current, asked, patient=False, on_step=self._step).choose()
         if choice is None or not self.models.is_explained(choice[0].fit):
             return None
@@ -550,7 +531,7 @@ class Attribution:
             new = [c for c in new if not self.models.is_fitted([*without.effects, c.placed])]
             new = new[: SETTINGS.likeliest]
         else:
-            new = worth_a_refit(new)[0][: FORWARD_ROUND.rivals]
+            new = worth_a_refit(new)[0][: ROUND.rivals]
         accepted.score = mine.score
         accepted.rivals = [*(c for c in ranked if c.name in known), *new]
 
@@ -577,7 +558,7 @@ class Attribution:
             if c.name in explaining
             or _may_rival(most.score, c.score)
             or (mine.score is not None and do_the_same(mine.score, c.score))
-        ][: FORWARD_ROUND.rivals]
+        ][: ROUND.rivals]
         accepted.rivals = [*accepted.rivals, *new]
         reject_at_first_sight([c for c in ranked if c not in new], [most])
         for candidate in others:
