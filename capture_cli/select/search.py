@@ -6,7 +6,7 @@ simulations (`forward_round`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
 
@@ -146,7 +146,7 @@ class Attribution:
         known, before = len(self.accepted), self.models.judge(last)
         found = self._with(self.models.best_of(self.models.held), [], last)
         for accepted in self.accepted[known:]:
-            accepted.support, _ = self._support(last, found, accepted.placed, before, len(self.candidates))
+            accepted.support, _ = self._support(last, found, [accepted.placed], before, len(self.candidates))
         return found
 
     def _keep(self, current: Fit) -> Fit:
@@ -163,14 +163,14 @@ class Attribution:
         current, explaining = declared, set()
         while True:
             current = self._without_minor(self._with_more(current))
-            current = self._keep(self._backward(current, self.accepted, Support.reason_against))
+            current = self._keep(self._backward(current, self._each, Support.reason_against))
             self._ask_again(current)
             compared = self._compare_with_rivals(current, self.accepted)
             if compared is current:
                 return self._keep(current)
             explaining.add(names_of(current.effects))
             # with another in its place an effect may have nothing left to do
-            before, current = current, self._backward(compared, self.accepted, Support.reason_against)
+            before, current = current, self._backward(compared, self._each, Support.reason_against)
             self._keep(current)
             if self.models.is_explained(current):
                 if names_of(current.effects) in explaining:
@@ -192,7 +192,7 @@ class Attribution:
                 break
             earlier = [a.name for a in self.accepted[:known]]
             found = self._split(found, self.accepted[known:])
-            current = self._backward(found, self.accepted, Support.reason_against_entry)
+            current = self._backward(found, self._laws_and_new(known), Support.reason_against_entry)
             # while this one was missing another may have come in the place of a rival
             if not self.models.is_explained(current):
                 asked = [a for a in self.accepted if a.name in earlier]
@@ -304,6 +304,19 @@ class Attribution:
                 self.accepted.append(Accepted(place, candidate.score, [], None, accepted.share / len(places)))
         return current
 
+    @property
+    def _each(self) -> list[list[Accepted]]:
+        return [[accepted] for accepted in self.accepted]
+
+    def _laws_and_new(self, known: int) -> list[list[Accepted]]:
+        """Of the accepted effects the `known` ones, those of one law together, for each was asked when it entered; then
+        each of the others.
+        """
+        laws: dict[tuple[str, str], list[Accepted]] = {}
+        for accepted in self.accepted[:known]:
+            laws.setdefault(accepted.placed.law, []).append(accepted)
+        return [*laws.values(), *self._each[known:]]
+
     def _step(self, what: str, number: int, total: int) -> None:
         self.on_step(what, number, total, [a.placed for a in self.accepted])
 
@@ -315,9 +328,8 @@ class Attribution:
 
     def _next(self, current: Fit) -> Fit | None:
         """The model with what is accepted next; None where nothing is: what the force balance puts first, or what
-        simulations alone tell of where that is better. Where the balance finds nothing that the declared model lacks,
-        simulations tell of everything: of friction on a body at rest the balance has no derivative. They are not asked
-        where the balance leaves too little for another to matter.
+        simulations tell of where that is better: these see friction on a body at rest, of which the balance has no
+        derivative. They are not asked where the balance leaves too little for another to matter.
         """
         self.models.held = []
         if self._told:
@@ -334,8 +346,7 @@ class Attribution:
             if self.models.is_explained(current):
                 return None if choice is None else self._with(*choice, current)
             if choice is None or self._leaves_much(choice[0].fit, current):
-                everything = choice is None and not (self.accepted or self.given)
-                choice = self._better(choice, self._by_simulation(current, choice, everything=everything))
+                choice = self._better(choice, self._by_simulation(current, choice))
         return None if choice is None else self._with(*choice, current)
 
     def _shorter_steps(self, current: Fit) -> Choice | None:
@@ -405,33 +416,40 @@ class Attribution:
             self.accepted.append(Accepted(placed, candidate.score, rivals, None, share))
         return chosen.fit
 
-    def _by_simulation(
-        self, current: Fit, rival: Choice | None = None, *, everything: bool = False
-    ) -> Choice | None:
-        """The best of what simulations alone tell of, or of everything, with its rivals. Where something is hit that is
-        everything: of impacts the balance has seen nothing. rival: what the balance found.
+    def _by_simulation(self, current: Fit, rival: Choice | None = None) -> Choice | None:
+        """The best of what simulations alone tell of, with its rivals; of everything, where nothing else was found.
+        rival: what the balance found.
+        """
+        for asked, patient in self._asked_of_simulations(current, rival):
+            found = ForwardRound(
+                self.models, current, asked, patient=patient, rival=rival and rival[0].fit, on_step=self._step
+            )
+            for candidate in asked:
+                gain = candidate.score.gain if candidate.score else 0.0
+                # where it diverged, or has nothing to act on, as hard friction where there is none, it tells nothing
+                gain = gain if gain > SETTINGS.acts else np.inf
+                self._promised[candidate.name] = gain * current.error**2 / found.scored.at.data.count
+            choice = found.choose()
+            if choice is not None:
+                return choice
+        return None
+
+    def _asked_of_simulations(
+        self, current: Fit, rival: Choice | None
+    ) -> Iterator[tuple[list[Candidate], bool]]:
+        """What simulations are asked of, and whether patiently, until they find something: what the balance does not
+        cover; then, where it found nothing that the declared model lacks, everything. Where something is hit that is
+        everything from the beginning: of impacts the balance has seen nothing.
         """
         screening = self.models.screening(self._step)
-        told = frozenset() if everything or screening is None or screening.hits else screening.covered
-        outside = [c for c in self._outside if c.name not in told]
-        patient = not (self.accepted or rival)
-        asked = outside if patient else self._asked_again(outside, current)
-        if not asked:
-            return None
-        found = ForwardRound(
-            self.models,
-            current,
-            asked,
-            patient=patient,
-            rival=rival and rival[0].fit,
-            on_step=self._step,
-        )
-        for candidate in asked:
-            gain = candidate.score.gain if candidate.score else 0.0
-            # where it diverged, or has nothing to act on, as hard friction where there is none, it tells nothing
-            gain = gain if gain > SETTINGS.acts else np.inf
-            self._promised[candidate.name] = gain * current.error**2 / found.scored.at.data.count
-        return found.choose()
+        covered = frozenset() if screening is None or screening.hits else screening.covered
+        first = not (self.accepted or rival)
+        if covered or not first:
+            asked = self._asked_again([c for c in self._outside if c.name not in covered], current)
+            if asked:
+                yield asked, False
+        if first and not (self.given and covered):
+            yield self._outside, True
 
     def _asked_again(self, candidates: Sequence[Candidate], current: Fit) -> list[Candidate]:
         """Those of the candidates whose last score, beside fewer effects, was not far below what a fit takes now; of
@@ -446,41 +464,44 @@ class Attribution:
 
     # --- backward ---
 
-    def _backward(self, current: Fit, judged: Sequence[Accepted], reason: Callable) -> Fit:
-        """Drop, weakest first, the effects among `judged` that there is a `reason` against, given the others."""
+    def _backward(self, current: Fit, judged: Sequence[Sequence[Accepted]], reason: Callable) -> Fit:
+        """Drop, weakest first, those of the sets `judged` of effects that there is a `reason` against, given the
+        others.
+        """
         judged = list(judged)
         while judged:
-            weakest, without = None, None
-            for accepted in judged:
+            weakest, least_gain, without = None, np.inf, None
+            for effects in judged:
                 self._step("drop", 0, 1)
-                fit = self.models.without(current, accepted.name)
+                fit = self.models.without(current, *(a.name for a in effects))
                 if fit is None:
                     continue
-                before = self.models.judge(fit)
-                tried = len(self.candidates)
-                accepted.support, _ = self._support(fit, current, accepted.placed, before, tried)
-                if reason(accepted.support) and (
-                    weakest is None or accepted.support.bic_gain < weakest.support.bic_gain
-                ):
-                    weakest, without = accepted, fit
+                before, placed = self.models.judge(fit), [a.placed for a in effects]
+                support, _ = self._support(fit, current, placed, before, len(self.candidates))
+                for accepted in effects:
+                    accepted.support = support
+                if reason(support) and support.bic_gain < least_gain:
+                    weakest, least_gain, without = effects, support.bic_gain, fit
             if weakest is None:
                 return current
             judged.remove(weakest)
-            self.accepted.remove(weakest)
-            self._candidate(
-                weakest.name
-            ).why_rejected = f"with the other effects in: {reason(weakest.support)}"
+            for accepted in weakest:
+                self.accepted.remove(accepted)
+                self._candidate(
+                    accepted.name
+                ).why_rejected = f"with the other effects in: {reason(accepted.support)}"
             current = without
         return current
 
     def _support(
-        self, without: Fit, fit: Fit, placed: Placed, before: PartFit | None, tried: int
+        self, without: Fit, fit: Fit, placed: Sequence[Placed], before: PartFit | None, tried: int
     ) -> tuple[Support, PartFit | None]:
-        """The support for `placed` in `fit` over the model `without` it, and how `fit` does on what judges.
+        """The support for the effects `placed` in `fit` over the model `without` them, and how `fit` does on what
+        judges.
 
-        before: how that model does there. tried: of how many candidates the effect is the best.
+        before: how that model does there. tried: of how many candidates each is the best.
         """
-        return self.models.support_of(without, fit, [self._candidate(placed.name)], before, tried)
+        return self.models.support_of(without, fit, [self._candidate(e.name) for e in placed], before, tried)
 
     def _candidate(self, name: str) -> Candidate:
         return next(c for c in self.candidates if c.name == name)
@@ -653,7 +674,7 @@ class Attribution:
     def _with_fit(self, candidate: Candidate, without: Fit, fit: Fit) -> Candidate:
         """The candidate with a fit that has it, and its support there over the fit `without` it."""
         before = self.models.judge(without)
-        support, select = self._support(without, fit, candidate.placed, before, len(self.candidates))
+        support, select = self._support(without, fit, [candidate.placed], before, len(self.candidates))
         return replace(candidate, fit=fit, select=select, support=support)
 
     def _again_from(self, best: Candidate, other: Candidate) -> Candidate:
