@@ -353,13 +353,13 @@ class _Protocol:
         return [before, *between, after]
 
     def _last(self, compared: ModelComparison, first: JudgedModel, fit: Fit) -> JudgedModel:
-        """The model that was found, with other minima of its error."""
+        """The model that was found, with other minima of its error, where they may explain the log as well."""
         self.on_step("refit", 0, 1, [e.name for e in fit.effects])
         judged, part, others = compared.judge(fit), self.parts.windows(FIT, SELECT), []
         known = fit is first.fit
         begun = (first.again if first.is_refitted else None) if known else self._again(fit, judged)
         again = begun
-        if begun is not None:
+        if begun is not None and not lack_of_fit(begun.at).lacking:
             found = self.limit.made(
                 lambda: minima(self.fits, part, begun, self.settings.seed),
                 "other values that may explain the log as well",

@@ -119,16 +119,21 @@ def _with_other_states(
 ) -> Linearization:
     """`found`, with the windows that descend to a better start from one of `others` (trial, window, state).
 
-    Descents begin at the most promising: the best before its descent need not be the one that leads to the best.
+    Descents begin at the most promising: the best before its descent need not be the one that leads to the best. Where
+    initial states are known well, or were drawn nearer and nearer, one of them is better as it is, or none is.
     """
     window = np.arange(others.shape[1])
     values = _values(found.data, evaluate, others, k)
-    order = np.argsort(values, axis=0, kind="stable")
-    descents = SETTINGS.descents
-    if not found.data.hidden:  # then initial states are known well enough for the best to be better as it is
-        gains = np.maximum(found.objectives(k) - values[order[0], window], 0.0)
-        descents = 1 if gains.sum() >= tolerance * k else 0
-    return _or_from(found, evaluate, others[order[:descents], window], tolerance, k)
+    best = others[np.argsort(values, axis=0, kind="stable")[: SETTINGS.descents], window]
+    if found.data.hidden and not found.data.rough:
+        return _or_from(found, evaluate, best, tolerance, k)
+    gains = np.maximum(found.objectives(k) - values.min(axis=0), 0.0)
+    better = np.flatnonzero(gains)
+    if gains.sum() < tolerance * k:
+        return found
+    best = best[:, better] if found.data.hidden else best[:1, better]
+    after = _or_from(found.windows(better), _of_windows(evaluate, better), best, tolerance, k)
+    return found.with_windows(better, after)
 
 
 def _or_from(
