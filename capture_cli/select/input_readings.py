@@ -12,7 +12,6 @@ from capture_cli.estimate.balance.input_timing import (
     SETTINGS,
     InputTiming,
     Likelihoods,
-    changing_holds,
     is_surely_better,
     likeliest,
 )
@@ -167,7 +166,6 @@ def timings_with_effects(
         best = other if asked else known
     else:
         best = _of_pairs(held, changing, prepared_as, threads)
-    best = _nearest_fit(best, prepared_as, threads)
     if holds == {best.hold}:
         return told, best.screening
     if len(holds) > 1 and plain is None:
@@ -269,27 +267,6 @@ def _that_explain(
     prepared = {hold: prepared_as(task) for hold, task in tasks.items()}
     fits = [(r, _fit(r, r.model, prepared[r.hold], threads, effort)) for r in readings]
     return [(r, fit) for r, fit in fits if fit is not None and fit.error < most]
-
-
-def _nearest_fit(best: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:
-    """`best`, or that with a command more or less from row to row which the balance does not tell from it, by what fits
-    by simulations leave with its effects and without them.
-    """
-    holds = changing_holds(best.screening.balance)
-    if best.hold not in holds or not best.model.effects:
-        return best
-    place = holds.index(best.hold)
-    others = [best.with_hold(h) for h in holds[max(place - 1, 0) : place + 2] if h != best.hold]
-    near = [best, *(r for r in others if not best.is_surely_better_than(r))]
-    if len(near) == 1:
-        return best
-    found = []
-    for reading in near:
-        prepared = prepared_as(reading.task)
-        models = reading.model, reading.screening.fitted(reading.declared)
-        fits = (_fit(reading, model, prepared, threads, Effort(escapes=False)) for model in models)
-        found += [(reading, fit) for fit in fits if fit is not None]
-    return _likeliest_fit(found)[0]
 
 
 def _sure_gain(before: Fit, after: Fit) -> float:

@@ -438,11 +438,10 @@ class Attribution:
         self, current: Fit, rival: Choice | None
     ) -> Iterator[tuple[list[Candidate], bool]]:
         """What simulations are asked of, and whether patiently, until they find something: what the balance does not
-        cover; then, where it found nothing that the declared model lacks, everything. Where something is hit that is
-        everything from the beginning: of impacts the balance has seen nothing.
+        cover; then, where nothing was found that the declared model lacks, everything.
         """
         screening = self.models.screening(self._step)
-        covered = frozenset() if screening is None or screening.hits else screening.covered
+        covered = frozenset() if screening is None else screening.covered
         first = not (self.accepted or rival)
         if covered or not first:
             asked = self._asked_again([c for c in self._outside if c.name not in covered], current)

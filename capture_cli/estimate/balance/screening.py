@@ -134,7 +134,7 @@ class Addition:
 class Screening:
     """Of `placed` effects, in a balance of a smoothed log and the rows that are made of it.
 
-    hits: whether impacts were left out. on_work is called before what takes long, which it may end by raising.
+    on_work is called before what takes long, which it may end by raising.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class Screening:
     ):
         self.placed = placed
         self.on_work: Callable[[], None] = lambda: None
-        self.space, self.hits = balance.smoothed.task.space, balance.smoothed.hits
+        self.space = balance.smoothed.task.space
         self._set(balance, whitening)
         self.atoms: list[Atom] = []
         self.columns = self._dictionary(placed, on_step)
