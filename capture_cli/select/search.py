@@ -44,7 +44,7 @@ from capture_cli.select.score import Score
 @frozen
 class SETTINGS:
     most_effects: int = 6
-    # of an explained log: how many that the balance puts first have their score test through the simulator, or are
+    # how many that the balance puts first have their score test through the simulator, where it finds nothing, or are
     # compared with what is in the answer
     likeliest: int = 8
     # how often the score test may take the best of all candidates for an effect where nothing is missing
@@ -346,7 +346,8 @@ class Attribution:
             if self.models.is_explained(current):
                 return None if choice is None else self._with(*choice, current)
             if choice is None or self._leaves_much(choice[0].fit, current):
-                choice = self._better(choice, self._by_simulation(current, choice))
+                likeliest = [] if choice or self.accepted else balance.ranked[: SETTINGS.likeliest]
+                choice = self._better(choice, self._by_simulation(current, choice, likeliest))
         return None if choice is None else self._with(*choice, current)
 
     def _shorter_steps(self, current: Fit) -> Choice | None:
@@ -416,11 +417,13 @@ class Attribution:
             self.accepted.append(Accepted(placed, candidate.score, rivals, None, share))
         return chosen.fit
 
-    def _by_simulation(self, current: Fit, rival: Choice | None = None) -> Choice | None:
+    def _by_simulation(
+        self, current: Fit, rival: Choice | None = None, likeliest: Sequence[Candidate] = ()
+    ) -> Choice | None:
         """The best of what simulations alone tell of, with its rivals; of everything, where nothing else was found.
-        rival: what the balance found.
+        rival: what the balance found; likeliest: what it puts first, where no simulation bears that out.
         """
-        for asked, patient in self._asked_of_simulations(current, rival):
+        for asked, patient in self._asked_of_simulations(current, rival, likeliest):
             found = ForwardRound(
                 self.models, current, asked, patient=patient, rival=rival and rival[0].fit, on_step=self._step
             )
@@ -435,13 +438,14 @@ class Attribution:
         return None
 
     def _asked_of_simulations(
-        self, current: Fit, rival: Choice | None
+        self, current: Fit, rival: Choice | None, likeliest: Sequence[Candidate]
     ) -> Iterator[tuple[list[Candidate], bool]]:
         """What simulations are asked of, and whether patiently, until they find something: what the balance does not
-        cover; then, where nothing was found that the declared model lacks, everything.
+        cover, and the `likeliest` of what it does; then, where nothing was found that the declared model lacks,
+        everything.
         """
         screening = self.models.screening(self._step)
-        covered = frozenset() if screening is None else screening.covered
+        covered = frozenset() if screening is None else screening.covered - {c.name for c in likeliest}
         first = not (self.accepted or rival)
         if covered or not first:
             asked = self._asked_again([c for c in self._outside if c.name not in covered], current)
