@@ -207,7 +207,7 @@ def test_every_shape_tried_counts_where_nothing_is_missing(logs):
 def test_a_search_that_would_go_round_ends(logs, monkeypatch):
     """Whatever enters is taken out again at once."""
 
-    def none_holds(self, current, judged, reason):
+    def none_holds(self, current):
         self.accepted.clear()
         return declared
 

@@ -164,17 +164,17 @@ class BalanceRound(Round):
         needed = min(material, self.useful_error, to_reach)
         effort = Effort(rival=rival, to_reach=to_reach, needed=needed, material=material, escapes=False)
         fit = self.models.fit(model.effects, model.start, self.current, effort)
-        reason, found = self._unfit(fit, added, smaller, to_explain) or self._unsupported(added, fit), []
+        reason, found = self._unfit(fit, added, smaller, to_explain), None
         if not reason:
-            found = [self._escaped(added, fit)]
-            fit = found[0].fit
-            reason = self._left(fit, to_explain)
-        self._best = least([rival, fit])
+            reason, found = self._judged(added, fit)
+        if found is not None:
+            reason = self._left(found.fit, to_explain)
+        self._best = least([rival, fit if found is None else found.fit])
         if reason:
             self._reject(added, reason)
             return []
-        self.models.held += found
-        return found
+        self.models.held.append(found)
+        return [found]
 
     def _left(self, fit: Fit, to_explain: bool) -> str | None:
         """What is said against a model by what its fit leaves. to_explain: whether that has to be nothing."""

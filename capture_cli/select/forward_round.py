@@ -158,10 +158,11 @@ class ForwardRound(Round):
         fit = self.models.fit([*current.effects, *added], starts[0], current, effort, starts[1:])
         if reason := no_gain(current, fit, self._best):
             return reason
-        reason = self._out_of_range(added, fit) or self._unsupported(added, fit)
+        reason, found = self._out_of_range(added, fit), None
         if not reason:
-            found = self._held[candidate.name] = self._escaped(added, fit)
-            fit = found.fit
+            reason, found = self._judged(added, fit)
+        if found is not None:
+            self._held[candidate.name], fit = found, found.fit
             reason = slight(current, fit, material) or leaves_something(current, fit, self.useful_error)
         self._best = least([self._best, fit])
         if not reason:
@@ -210,4 +211,4 @@ class ForwardRound(Round):
             return self._together(plausible, best)
         if len(plausible) < len(places) or slight(current, fit, REJECTION.material):
             return None
-        return None if self._unsupported(added, fit) else self._escaped(added, fit)
+        return self._judged(added, fit)[1]

@@ -56,12 +56,13 @@ _NOT_MADE = object()
 class FittedSet:
     """A model with effects added at once, fitted by simulation; select: on what judges, None where nothing does.
 
-    score: none, for several effects have one each.
+    support: for all of them together. score: none, for several effects have one each.
     """
 
     added: tuple[Placed, ...]
     fit: Fit
     select: PartFit | None
+    support: Support | None = None
     score: None = None
 
 
@@ -273,11 +274,10 @@ class ModelComparison:
         self.know(again)
         return again
 
-    def without(self, current: Fit, *names: str) -> Fit | None:
-        """The fit of `current` less the effects that are called by the `names` there."""
-        effects = [e for e in current.effects if e.name not in names]
-        columns = np.concatenate([np.arange(len(current.point))[current.columns(name)] for name in names])
-        return self.fit(effects, np.delete(current.point, columns), current)
+    def without(self, current: Fit, name: str) -> Fit | None:
+        """The fit of `current` less the effect that is called `name` there."""
+        effects = [e for e in current.effects if e.name != name]
+        return self.fit(effects, np.delete(current.point, current.columns(name)), current)
 
     def nested(self, last: Fit, count: int) -> Fit:
         """The fit of the declared model with the first `count` effects of `last`."""

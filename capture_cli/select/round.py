@@ -74,20 +74,20 @@ class Round:
         rivals = rivals[: SETTINGS.rivals]
         return chosen, [*rivals, *_alike(unfitted, [self.candidates[names[0]], *rivals])]
 
-    def _unsupported(self, added: Sequence[Placed], fit: Fit) -> str | None:
-        """What simulations of other windows say against the effects `added` in `fit`."""
+    def _judged(self, added: Sequence[Placed], fit: Fit) -> tuple[str | None, FittedSet | None]:
+        """What simulations of other windows say against the effects `added` in `fit`; where that is nothing, these with
+        `fit`, or where the escape from its minimum leads.
+        """
         candidates = [self.candidates[e.name] for e in added]
         support, _ = self.models.support_of(self.current, fit, candidates, self._before, len(self.candidates))
-        return support.reason_against_entry()
+        if reason := support.reason_against_entry():
+            return reason, None
+        fit = self.models.escaped(fit, self._best, self.useful_error)
+        return None, FittedSet(tuple(added), fit, self.models.judge(fit), support)
 
     def _out_of_range(self, added: Sequence[Placed], fit: Fit) -> str | None:
         """What the values in `fit` say against one of the effects `added`."""
         return next((why for e in added if (why := out_of_range(self.models, self.current, fit, e))), None)
-
-    def _escaped(self, added: Sequence[Placed], fit: Fit) -> FittedSet:
-        """The effects with `fit`, or where the escape from its minimum leads."""
-        fit = self.models.escaped(fit, self._best, self.useful_error)
-        return FittedSet(tuple(added), fit, self.models.judge(fit))
 
     def _reject(self, added: Sequence[Placed], reason: str) -> None:
         """Say why an effect is out; of several at once none is out for that."""

@@ -141,13 +141,8 @@ class Attribution:
 
     def _with_what_holds(self, last: Fit) -> Fit:
         """`last`, with the best of what held in the round that was cut short. Nothing is simulated."""
-        if not self.models.held:
-            return last
-        known, before = len(self.accepted), self.models.judge(last)
-        found = self._with(self.models.best_of(self.models.held), [], last)
-        for accepted in self.accepted[known:]:
-            accepted.support, _ = self._support(last, found, [accepted.placed], before, len(self.candidates))
-        return found
+        held = self.models.held
+        return self._with(self.models.best_of(held), [], last) if held else last
 
     def _keep(self, current: Fit) -> Fit:
         """Take note of a model that is whole, and the effects in it; what held in its round is settled with it."""
@@ -162,15 +157,17 @@ class Attribution:
         self.models.know(declared)
         current, explaining = declared, set()
         while True:
-            current = self._without_minor(self._with_more(current))
-            current = self._keep(self._backward(current, self._each, Support.reason_against))
+            extended = self._without_minor(self._with_more(current))
+            current = self._keep(self._backward(extended))
+            if current is not extended and not self.models.is_explained(current):
+                continue  # what was dropped may have stood in for another
             self._ask_again(current)
             compared = self._compare_with_rivals(current, self.accepted)
             if compared is current:
                 return self._keep(current)
             explaining.add(names_of(current.effects))
             # with another in its place an effect may have nothing left to do
-            before, current = current, self._backward(compared, self._each, Support.reason_against)
+            before, current = current, self._backward(compared)
             self._keep(current)
             if self.models.is_explained(current):
                 if names_of(current.effects) in explaining:
@@ -179,9 +176,7 @@ class Attribution:
                 return current
 
     def _with_more(self, current: Fit) -> Fit:
-        """The model with what can be added to it; it ends, too, where what was added led back to a model that it began
-        with.
-        """
+        """The model with what can be added to it."""
         while self._may_extend(current):
             known = len(self.accepted)
             if not known:
@@ -190,14 +185,7 @@ class Attribution:
             found = self._next(current)
             if found is None:
                 break
-            earlier = [a.name for a in self.accepted[:known]]
-            found = self._split(found, self.accepted[known:])
-            current = self._backward(found, self._laws_and_new(known), Support.reason_against_entry)
-            # while this one was missing another may have come in the place of a rival
-            if not self.models.is_explained(current):
-                asked = [a for a in self.accepted if a.name in earlier]
-                current = self._compare_with_rivals(current, asked)
-            self._keep(current)
+            current = self._keep(self._split(found, self.accepted[known:]))
         return current
 
     def _may_extend(self, current: Fit) -> bool:
@@ -298,24 +286,14 @@ class Attribution:
             current = fit
             self.accepted.remove(accepted)
             everywhere.why_rejected = "better at each of its places on its own"
+            share = accepted.share / len(places)
             for place in places:
                 candidate = self._candidate(place.name)
                 candidate.why_rejected = None
-                self.accepted.append(Accepted(place, candidate.score, [], None, accepted.share / len(places)))
+                self.accepted.append(
+                    replace(accepted, placed=place, score=candidate.score, rivals=[], share=share)
+                )
         return current
-
-    @property
-    def _each(self) -> list[list[Accepted]]:
-        return [[accepted] for accepted in self.accepted]
-
-    def _laws_and_new(self, known: int) -> list[list[Accepted]]:
-        """Of the accepted effects the `known` ones, those of one law together, for each was asked when it entered; then
-        each of the others.
-        """
-        laws: dict[tuple[str, str], list[Accepted]] = {}
-        for accepted in self.accepted[:known]:
-            laws.setdefault(accepted.placed.law, []).append(accepted)
-        return [*laws.values(), *self._each[known:]]
 
     def _step(self, what: str, number: int, total: int) -> None:
         self.on_step(what, number, total, [a.placed for a in self.accepted])
@@ -414,7 +392,7 @@ class Attribution:
         for placed in chosen.added:
             candidate = self._candidate(placed.name)
             candidate.why_rejected = None
-            self.accepted.append(Accepted(placed, candidate.score, rivals, None, share))
+            self.accepted.append(Accepted(placed, candidate.score, rivals, chosen.support, share))
         return chosen.fit
 
     def _by_simulation(
@@ -467,44 +445,36 @@ class Attribution:
 
     # --- backward ---
 
-    def _backward(self, current: Fit, judged: Sequence[Sequence[Accepted]], reason: Callable) -> Fit:
-        """Drop, weakest first, those of the sets `judged` of effects that there is a `reason` against, given the
-        others.
-        """
-        judged = list(judged)
-        while judged:
-            weakest, least_gain, without = None, np.inf, None
-            for effects in judged:
+    def _backward(self, current: Fit) -> Fit:
+        """Drop, weakest first, the effects that nothing speaks for, given the others."""
+        while True:
+            weakest, without = None, None
+            for accepted in self.accepted:
                 self._step("drop", 0, 1)
-                fit = self.models.without(current, *(a.name for a in effects))
+                fit = self.models.without(current, accepted.name)
                 if fit is None:
                     continue
-                before, placed = self.models.judge(fit), [a.placed for a in effects]
-                support, _ = self._support(fit, current, placed, before, len(self.candidates))
-                for accepted in effects:
-                    accepted.support = support
-                if reason(support) and support.bic_gain < least_gain:
-                    weakest, least_gain, without = effects, support.bic_gain, fit
+                accepted.support, _ = self._support(fit, current, accepted.placed, self.models.judge(fit))
+                if accepted.support.reason_against() and (
+                    weakest is None or accepted.support.bic_gain < weakest.support.bic_gain
+                ):
+                    weakest, without = accepted, fit
             if weakest is None:
                 return current
-            judged.remove(weakest)
-            for accepted in weakest:
-                self.accepted.remove(accepted)
-                self._candidate(
-                    accepted.name
-                ).why_rejected = f"with the other effects in: {reason(accepted.support)}"
+            self.accepted.remove(weakest)
+            reason = weakest.support.reason_against()
+            self._candidate(weakest.name).why_rejected = f"with the other effects in: {reason}"
             current = without
-        return current
 
     def _support(
-        self, without: Fit, fit: Fit, placed: Sequence[Placed], before: PartFit | None, tried: int
+        self, without: Fit, fit: Fit, placed: Placed, before: PartFit | None
     ) -> tuple[Support, PartFit | None]:
-        """The support for the effects `placed` in `fit` over the model `without` them, and how `fit` does on what
-        judges.
-
-        before: how that model does there. tried: of how many candidates each is the best.
+        """The support for `placed` in `fit` over the model `without` it, the best of all candidates, and how `fit` does
+        on what judges. before: how that model does there.
         """
-        return self.models.support_of(without, fit, [self._candidate(e.name) for e in placed], before, tried)
+        return self.models.support_of(
+            without, fit, [self._candidate(placed.name)], before, len(self.candidates)
+        )
 
     def _candidate(self, name: str) -> Candidate:
         return next(c for c in self.candidates if c.name == name)
@@ -677,7 +647,7 @@ class Attribution:
     def _with_fit(self, candidate: Candidate, without: Fit, fit: Fit) -> Candidate:
         """The candidate with a fit that has it, and its support there over the fit `without` it."""
         before = self.models.judge(without)
-        support, select = self._support(without, fit, [candidate.placed], before, len(self.candidates))
+        support, select = self._support(without, fit, candidate.placed, before)
         return replace(candidate, fit=fit, select=select, support=support)
 
     def _again_from(self, best: Candidate, other: Candidate) -> Candidate:
