@@ -503,16 +503,14 @@ class Attribution:
     def _ask_for_rivals(self, current: Fit, accepted: Accepted) -> None:
         """Those of one accepted effect, by what the model without it leaves."""
         without = self.models.without(current, accepted.name)
-        if without is None:
+        screening = self.models.screening_about(current, self._step)
+        by_simulation = screening is None or self._contradicts_balance(current)
+        if without is None or not (by_simulation or accepted.name in screening.covered):
             return
         inside = {a.name for a in self.accepted} - {accepted.name}
         candidates = [replace(c) for c in self.candidates if c.name not in inside]
-        ranked = self._scored(
-            without,
-            self._rest(current, accepted, without),
-            candidates,
-            by_simulation=self._contradicts_balance(current),
-        )
+        rest = self._rest(current, accepted, without)
+        ranked = self._scored(without, rest, candidates, by_simulation=by_simulation)
         mine = next((c for c in ranked if c.name == accepted.name), None)
         if mine is None:
             return
