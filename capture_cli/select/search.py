@@ -491,10 +491,11 @@ class Attribution:
         """
         asked: set[tuple[str, str]] = set()
         explained = self.models.is_explained(current)
-        for accepted in self.accepted:
+        for number, accepted in enumerate(self.accepted):
             if accepted.placed.law in asked:
                 continue
             asked.add(accepted.placed.law)
+            self._step("rivals", number, len(self.accepted))
             if explained or accepted is not self.accepted[-1] or not accepted.rivals:
                 self._ask_for_rivals(current, accepted)
             if explained:
