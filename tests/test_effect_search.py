@@ -21,6 +21,7 @@ from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.solve.linearization import SETTINGS as LINEARIZATION
 from capture_cli.estimate.solve.linearization import Data, Linearization
 from capture_cli.estimate.split import NewSplit
 from capture_cli.log.input_sequences import HELD
@@ -213,6 +214,26 @@ def test_more_parameters_that_are_worth_their_price_are_tied(models, gain, said)
     bias = judged_by_blocks(1, 8140.0 * np.exp((gain + price) / SAMPLES), blocks)
     shift = judged_by_blocks(2, 8140.0, blocks)
     assert models.compare(bias, shift) == said
+
+
+@pytest.mark.parametrize(("rough", "left", "kept"), [(True, 1.0, 0), (True, 6.0, 1), (False, 1.0, 1)])
+def test_an_effect_is_dropped_that_led_out_of_a_poor_minimum(attribution, monkeypatch, rough, left, kept):
+    """A puck off a wall: with its restitution the model left 1; from there without it, it leaves 1, or 6, of 12."""
+    effect = of_slider(EFFECTS["force", 1])
+    selection = attribution([effect])
+    without, found, again = (
+        fit_leaving(squares * SAMPLES, *effects)
+        for effects, squares in (((), 12.0), ((effect,), 1.0), ((), left))
+    )
+    if rough:
+        data = replace(found.at.data, initial_step=LINEARIZATION.rough_initial_step)
+        found = replace(found, at=replace(found.at, data=data))
+    selection.models.know(without)
+    selection.accepted = [Accepted(effect, None, [], None, 0.9)]
+    monkeypatch.setattr(selection.models, "judge", lambda _: None)
+    monkeypatch.setattr(selection.models, "better_from", lambda *_: again)
+    assert selection._backward(found) is (found if kept else again)
+    assert len(selection.accepted) == kept
 
 
 @pytest.mark.parametrize(

@@ -454,6 +454,8 @@ class Attribution:
                 fit = self.models.without(current, accepted.name)
                 if fit is None:
                     continue
+                if current.at.data.rough:  # with the effect a descent may have left a poor minimum
+                    fit = self.models.better_from(fit, current) or fit
                 accepted.support, _ = self._support(fit, current, accepted.placed, self.models.judge(fit))
                 if accepted.support.reason_against() and (
                     weakest is None or accepted.support.bic_gain < weakest.support.bic_gain
