@@ -62,7 +62,7 @@ class FittedSet:
     added: tuple[Placed, ...]
     fit: Fit
     select: PartFit | None
-    support: Support | None = None
+    support: Support
     score: None = None
 
 
@@ -310,35 +310,26 @@ class ModelComparison:
         return paired_p_value(before.blocks(length), after.blocks(length), self.seed)
 
     def support(
-        self, before_fit: Fit, fit: Fit, added: int, before: PartFit | None, hypotheses: float
+        self, without: Fit, fit: Fit, added: Sequence[Candidate], tried: int
     ) -> tuple[Support, PartFit | None]:
-        """Support for what `fit` has over `before_fit`, and how `fit` does on what judges; before: how that does.
-
-        Nothing judges where the fit itself speaks against.
-
-        added: parameters. hypotheses: how many effects, or sets of them, and shapes of them it is the best of.
+        """Support for the candidates `added` in `fit` over the model `without` them, each the best of so many `tried`,
+        and how `fit` does on what judges. Nothing judges where the fit itself speaks against.
         """
+        # to be there or not is a choice, too
+        size = sum(max(len(c.placed.effect.parameters), 1) for c in added)
+        hypotheses = float(np.prod([tried * c.shapes_tried for c in added], dtype=float))
         samples = effective_samples(fit)
         free = samples - len(fit.space)
-        p_fit = ratio_p_value(before_fit.penalised_squares, fit.penalised_squares, free, added, hypotheses)
-        gain = bic_gain(before_fit.penalised_squares, fit.penalised_squares, samples, added)
+        p_fit = ratio_p_value(without.penalised_squares, fit.penalised_squares, free, size, hypotheses)
+        gain = bic_gain(without.penalised_squares, fit.penalised_squares, samples, size)
         of_fit = Support(p_fit, None, gain, None)
         if of_fit.reason_against():
             return of_fit, None
-        after = self.judge(fit)
+        before, after = self.judge(without), self.judge(fit)
         if after is None:
             return of_fit, None
         ratio = float(after.penalised_squares.sum() / before.penalised_squares.sum())
         return Support(p_fit, self._paired(before, after), gain, ratio), after
-
-    def support_of(
-        self, before_fit: Fit, fit: Fit, added: Sequence[Candidate], before: PartFit | None, tried: int
-    ) -> tuple[Support, PartFit | None]:
-        """As of `support`, for the candidates `added` to `before_fit`, each the best of so many `tried`."""
-        # to be there or not is a choice, too
-        size = sum(max(len(c.placed.effect.parameters), 1) for c in added)
-        hypotheses = float(np.prod([tried * c.shapes_tried for c in added], dtype=float))
-        return self.support(before_fit, fit, size, before, hypotheses)
 
     # --- compared ---
 

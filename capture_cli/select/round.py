@@ -50,7 +50,7 @@ class Round:
         self.on_step = on_step
         self.ranked: list[Candidate] = []
         self.supported: list[FittedSet] = []
-        self._before, self._best = models.judge(current), rival
+        self._best = rival
 
     def choose(self) -> Choice | None:
         """Of the supported sets the best, and of those it cannot be told from that with the fewest parameters. With it,
@@ -79,7 +79,7 @@ class Round:
         `fit`, or where the escape from its minimum leads.
         """
         candidates = [self.candidates[e.name] for e in added]
-        support, _ = self.models.support_of(self.current, fit, candidates, self._before, len(self.candidates))
+        support, _ = self.models.support(self.current, fit, candidates, len(self.candidates))
         if reason := support.reason_against_entry():
             return reason, None
         fit = self.models.escaped(fit, self._best, self.useful_error)

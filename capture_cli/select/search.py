@@ -456,7 +456,7 @@ class Attribution:
                     continue
                 if current.at.data.rough:  # with the effect a descent may have left a poor minimum
                     fit = self.models.better_from(fit, current) or fit
-                accepted.support, _ = self._support(fit, current, accepted.placed, self.models.judge(fit))
+                accepted.support, _ = self._support(fit, current, accepted.placed)
                 if accepted.support.reason_against() and (
                     weakest is None or accepted.support.bic_gain < weakest.support.bic_gain
                 ):
@@ -468,15 +468,11 @@ class Attribution:
             self._candidate(weakest.name).why_rejected = f"with the other effects in: {reason}"
             current = without
 
-    def _support(
-        self, without: Fit, fit: Fit, placed: Placed, before: PartFit | None
-    ) -> tuple[Support, PartFit | None]:
+    def _support(self, without: Fit, fit: Fit, placed: Placed) -> tuple[Support, PartFit | None]:
         """The support for `placed` in `fit` over the model `without` it, the best of all candidates, and how `fit` does
-        on what judges. before: how that model does there.
+        on what judges.
         """
-        return self.models.support_of(
-            without, fit, [self._candidate(placed.name)], before, len(self.candidates)
-        )
+        return self.models.support(without, fit, [self._candidate(placed.name)], len(self.candidates))
 
     def _candidate(self, name: str) -> Candidate:
         return next(c for c in self.candidates if c.name == name)
@@ -647,8 +643,7 @@ class Attribution:
 
     def _with_fit(self, candidate: Candidate, without: Fit, fit: Fit) -> Candidate:
         """The candidate with a fit that has it, and its support there over the fit `without` it."""
-        before = self.models.judge(without)
-        support, select = self._support(without, fit, candidate.placed, before)
+        support, select = self._support(without, fit, candidate.placed)
         return replace(candidate, fit=fit, select=select, support=support)
 
     def _again_from(self, best: Candidate, other: Candidate) -> Candidate:
