@@ -363,8 +363,8 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
         ModelComparison.compare,
     )
 
-    def tagged(screening, current, candidates):
-        score(screening, current, candidates)
+    def tagged(screening, current, candidates, *polished):
+        score(screening, current, candidates, *polished)
         number = len(rounds)
         for candidate in candidates:
             # kept: an id is of one that lives

@@ -192,6 +192,16 @@ def test_a_reading_that_explains_the_log_by_simulation_needs_no_effect(tmp_path)
     assert [t.hold for t in found] == [HELD, HELD]
 
 
+def test_two_commands_a_row_are_not_read_as_early_ones_with_an_effect():
+    """An even change that comes early, and a lag of the motors, do as two commands a row do with no effect."""
+    seed = 670167660
+    task, log = log_of(Case(NOTHING, "arm", (), 1.0, seed, dress="half-rate"))
+    prepared = prepare(log, task, split=NewSplit(seed=seed), **QUIET)
+    few = [c for c in all_candidates(prepared) if c.name == "control-second-order-lag"]
+    found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
+    assert [t.hold for t in found] == [Hold(2.0)] * 2
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_late_sensor_does_not_make_up_for_inputs_that_are_misread(seed):
     # a joint's damping is no reason why the noise of a late sensor should look like less

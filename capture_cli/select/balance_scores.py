@@ -34,10 +34,14 @@ def screening_of(
         return None
 
 
-def score_in_balance(screening: Screening, current: Fit, candidates: Sequence[Candidate]) -> None:
-    """Fill in the candidates' scores and where a refit with each begins, or why it is out."""
+def score_in_balance(
+    screening: Screening, current: Fit, candidates: Sequence[Candidate], polished: int | None = None
+) -> None:
+    """Fill in the candidates' scores and where a refit with each begins, or why it is out. polished: as of
+    `Screening.additions`.
+    """
     shapes_tried = Counter(a.placed.name for a in screening.atoms)
-    found = {a.placed.name: a for a in screening.additions(current.effects, current.values)}
+    found = {a.placed.name: a for a in screening.additions(current.effects, current.values, polished)}
     for candidate in candidates:
         candidate.score = None
         candidate.why_rejected = candidate.start_elsewhere = None

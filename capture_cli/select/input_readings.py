@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -147,14 +147,14 @@ def timings_with_effects(
     step("reading", 0, 2)
     held = Reading(prepared.task, HELD, screening, screening.best())
     step("reading", 1, 2)
-    changing = held.with_best(EVENLY)
-    if not held.is_surely_better_than(changing):
+    told = prepared.input_timings
+    holds = {t.hold for t in told}
+    changing = held.with_best(_changing(holds))
+    if changing.hold == EVENLY and not held.is_surely_better_than(changing):
         other = changing.likelier()
         # what the record explains needs no effect
         if other is not None and not changing.is_surely_better_than(other):
             changing = other
-    told = prepared.input_timings
-    holds = {t.hold for t in told}
     known, other = (held, changing) if HELD in holds else (changing, held)
     asked = [held, changing]
     if len(holds) == 1:
@@ -178,6 +178,11 @@ def timings_with_effects(
     return tuple(
         InputTiming(name, best.hold, gain, error, best.model.beyond_noise) for name in unread
     ), best.screening
+
+
+def _changing(told: Collection[Hold]) -> Hold:
+    """How inputs act that change between rows: as the declared model alone told, of all alike, or evenly."""
+    return next(iter(told)) if len(told) == 1 and HELD not in told else EVENLY
 
 
 def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:

@@ -4,6 +4,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.solve.intervals import intervals
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.model_comparison import ModelComparison
@@ -69,6 +70,11 @@ def ends(placed: Placed, values: np.ndarray) -> dict[tuple[str, bool], float]:
 def needed_error(current: Fit, material: float) -> float:
     """The error above which a fit is `slight` beside `current`, which has to lose this share of its excess."""
     return float(np.sqrt(1.0 + (1.0 - material) * current.excess))
+
+
+def as_good_error(current: Fit) -> float:
+    """The error above which another model neither explains the log nor comes near `current`."""
+    return max(needed_error(current, -SETTINGS.material), lack_of_fit(current.at).threshold)
 
 
 def no_gain(current: Fit, fit: Fit | None, rival: Fit | None) -> str | None:

@@ -35,7 +35,7 @@ from capture_cli.select.log_parts import Folds
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import TIED, WORSE, FittedSet, ModelComparison
 from capture_cli.select.rejection import SETTINGS as REJECTION
-from capture_cli.select.rejection import out_of_range, slight
+from capture_cli.select.rejection import as_good_error, out_of_range, slight
 from capture_cli.select.round import SETTINGS as ROUND
 from capture_cli.select.round import Choice, by_score, do_the_same, reject_at_first_sight
 from capture_cli.select.score import Score
@@ -324,7 +324,8 @@ class Attribution:
             if self.models.is_explained(current):
                 return None if choice is None else self._with(*choice, current)
             if choice is None or self._leaves_much(choice[0].fit, current):
-                likeliest = [] if choice or self.accepted else balance.ranked[: SETTINGS.likeliest]
+                known = choice or self.accepted or self.given
+                likeliest = [] if known else balance.ranked[: SETTINGS.likeliest]
                 choice = self._better(choice, self._by_simulation(current, choice, likeliest))
         return None if choice is None else self._with(*choice, current)
 
@@ -577,7 +578,8 @@ class Attribution:
             Scores(self.models, fitted, self._step).score(candidates)
             return by_score(candidates)
         candidates = [c for c in candidates if c.name in screening.covered]
-        score_in_balance(screening, moved, candidates)
+        polished = None if self.models.is_explained(fitted) else ROUND.rivals
+        score_in_balance(screening, moved, candidates, polished)
         return by_score(candidates)
 
     def _contradicts_balance(self, current: Fit) -> bool:
@@ -633,7 +635,8 @@ class Attribution:
         rest = self._rest(current, accepted, without)
         start, *elsewhere = (np.concatenate([f.point, rival.start]) for f in dict.fromkeys([without, rest]))
         effects = [*without.effects, rival.placed]
-        fit = self.models.fit(effects, start, without, Effort(rival=current), elsewhere)
+        effort = Effort(rival=current, needed=as_good_error(current))
+        fit = self.models.fit(effects, start, without, effort, elsewhere)
         if fit is None:
             return None
         found = self._with_fit(rival, without, fit)
