@@ -202,6 +202,29 @@ def test_two_commands_a_row_are_not_read_as_early_ones_with_an_effect():
     assert [t.hold for t in found] == [Hold(2.0)] * 2
 
 
+@pytest.mark.parametrize(
+    ("case", "sizes"),
+    [
+        # in the balance, to first order, commands that act a row early make up for a clock that is off by 1 %
+        (Case(PLANTED, "cart_pole", ("sensor-clock-rate",), 3.0, 1587229418), (0.2066,)),
+        # and by a part of what a spring leaves inputs that change evenly are ahead, whose delay is a lag of held ones
+        (
+            Case("pair", "arm", ("control-lag", "linear-stiffness@elbow"), 3.0, 994631157),
+            (0.009586, 0.005292),
+        ),
+    ],
+)
+def test_inputs_are_held_where_a_balance_that_leaves_more_than_noise_says_otherwise(case, sizes):
+    task, log = log_of(case, *sizes)
+    prepared = prepare(log, task, split=NewSplit(seed=case.number), **QUIET)
+    few = [c for c in all_candidates(prepared) if c.name in (*case.planted, "control-second-order-lag")]
+    found, screening = timings_with_effects(
+        replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1
+    )
+    assert {t.hold for t in found} == {HELD}
+    assert set(screening.balance.smoothed.task.holds) == {HELD}
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_late_sensor_does_not_make_up_for_inputs_that_are_misread(seed):
     # a joint's damping is no reason why the noise of a late sensor should look like less

@@ -22,6 +22,7 @@ from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.model_fits import USUAL, Effort, ModelFits
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
+from capture_cli.model.effects.placed import names_of
 from capture_cli.model.tasks.base import Task
 from capture_cli.select.balance_scores import screening_of
 from capture_cli.select.beam import BeamSettings, grown
@@ -79,20 +80,29 @@ class Reading:
         return is_surely_better(other.model.likelihood, self.model.likelihood)
 
     def likelier(self) -> Reading | None:
-        """Of inputs that change evenly: another reading that predicts more, and its best model of one effect at most;
-        None where there is none.
+        """Of inputs that change between rows: another reading that predicts more, and its best model of one effect at
+        most; None where there is none.
 
         Each reading is judged by the best of the same models: an effect may make up for a wrong one.
         """
         models = self.screening.all_fitted([self.declared, self.model, *self._best_additions()])
+        hold = self._likeliest_by(models)
+        return None if hold == self.hold else self.with_best(hold).with_best_of([self])
+
+    def likeliest_alone(self) -> Reading:
+        """Likewise, or the same reading, by the declared model alone, and with that."""
+        own = self._likeliest_by([self.screening.judged(self.declared)])
+        return replace(self, hold=own, screening=self._screening_as(own)).without_effects()
+
+    def _likeliest_by(self, models: Sequence[BalancedModel]) -> Hold:
+        """How inputs that change between rows act, by the best of the models with each reading."""
         ours = _likeliest_model(models)
 
         def asked(hold: Hold) -> Likelihoods:
             own = self._screening_as(hold)
             return ours.likelihood, _likeliest_model([own.judged(m) for m in models]).likelihood
 
-        hold = likeliest(asked, self.screening.balance)
-        return None if hold == self.hold else self.with_best(hold).with_best_of([self])
+        return likeliest(asked, self.screening.balance, self.hold)
 
     def _best_additions(self) -> list[BalancedModel]:
         """Models with each of the effects that promise most, as many as a search would look at first."""
@@ -123,11 +133,11 @@ def timings_with_effects(
     on_work: Callable[[], None] = lambda: None,
     on_step: Callable[[str, int, int], None] = lambda *_: None,
 ) -> tuple[tuple[InputTiming, ...], Screening | None]:
-    """How the inputs act of which the task does not say it, all alike: by the force balance where that is sure, and by
-    simulations otherwise; with the screening of the candidates in that reading. None where the log gives no balance.
-    Of two effects one may make up for the reading: held inputs are like a delay of what changes evenly. Then
-    simulations decide, too. Inputs are held where no other reading explains the log: what is missing may look like one.
-    So may inputs that each act in their own way, as the declared model says: that has to be surely better.
+    """How the inputs act of which the task does not say it, all alike: by the force balance where that is sure and
+    leaves next to nothing, and by simulations otherwise; with the screening of the candidates in that reading. None
+    where the log gives no balance. What the record explains needs no effect. Inputs are held where no other reading
+    explains the log, or nearly: what is missing may look like one. So may inputs that each act in their own way, as the
+    declared model says: that has to be surely better.
 
     prepared: with the task as it was given, and what the declared model alone says of its inputs; where that explains
     the log with one reading, one effect with the other has to be surely better, and simulations without one have to
@@ -152,20 +162,17 @@ def timings_with_effects(
     changing = held.with_best(_changing(holds))
     if changing.hold == EVENLY and not held.is_surely_better_than(changing):
         other = changing.likelier()
-        # what the record explains needs no effect
         if other is not None and not changing.is_surely_better_than(other):
             changing = other
-    known, other = (held, changing) if HELD in holds else (changing, held)
-    asked = [held, changing]
     if len(holds) == 1:
-        asked = [known] if other.is_surely_better_than(known) else []
-    plain = _explaining([reading.without_effects() for reading in asked], prepared_as, threads)
-    if plain is not None:
-        best = plain
-    elif len(holds) == 1:
-        best = other if asked else known
+        known, other = (held, changing) if HELD in holds else (changing, held)
+        if not other.is_surely_better_than(known):
+            return told, known.screening
+        asked = [known.without_effects()]
     else:
-        best = _of_pairs(held, changing, prepared_as, threads)
+        asked = [held.without_effects(), changing.likeliest_alone()]
+    plain = _explaining(asked, prepared_as, threads)
+    best = plain or _with_effects(held, changing, prepared_as, threads)
     if holds == {best.hold}:
         return told, best.screening
     if len(holds) > 1 and plain is None:
@@ -185,26 +192,28 @@ def _changing(told: Collection[Hold]) -> Hold:
     return next(iter(told)) if len(told) == 1 and HELD not in told else EVENLY
 
 
-def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:
-    """One of the readings or, where these do not decide, of the same with two effects at most: what else is missing may
-    look like another reading. Where all leave far more than noise, one decides: two will not do either. Inputs are held
-    where no two explain the log with inputs that change.
+def _with_effects(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:
+    """One of the readings, each with its best effect: as the balance says where that leaves next to nothing, and as
+    simulations say where it leaves more, for it has clocks that are off, and other effects, to first order. Where all
+    leave far more than noise the balance decides: two effects will not do either.
+    """
+    both = held, changing
+    if min(r.model.beyond_noise for r in both) >= SETTINGS.hopeless:
+        return changing if changing.is_surely_better_than(held) else held
+    sure = next((r for r in both if any(r.is_surely_better_than(other) for other in both)), None)
+    if sure is not None and sure.model.beyond_noise < SETTINGS.asked_again:
+        return sure
+    explaining = _explaining(both, prepared_as, threads)
+    return explaining or _with_two(held, changing, prepared_as, threads)
+
+
+def _with_two(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:
+    """One of the readings, with two effects at most: what else is missing may look like another reading. Inputs are
+    held where no two explain the log with inputs that change.
 
     A search stops at one effect where a second is not surely better. So each reading is asked with the effects that the
     other has, too: of two models the likelihoods would not be of the readings alone.
     """
-    both = held, changing
-    least = min(both, key=lambda r: r.model.beyond_noise)
-    if least.model.beyond_noise >= SETTINGS.hopeless:
-        return changing if changing.is_surely_better_than(held) else held
-    if least.model.beyond_noise < SETTINGS.else_missing:
-        if held.is_surely_better_than(changing):
-            return held
-        if changing.is_surely_better_than(held) and changing.model.beyond_noise < SETTINGS.else_missing:
-            return changing
-    explaining = _explaining([held, changing], prepared_as, threads)
-    if explaining is not None:
-        return explaining
     changing = changing.with_two()
     if changing.model.beyond_noise >= SETTINGS.hopeless_with_two:
         return held
@@ -212,20 +221,18 @@ def _of_pairs(held: Reading, changing: Reading, prepared_as: PreparedAs, threads
     held, changing = held.with_best_of([changing]), changing.with_best_of([held])
     if held.is_surely_better_than(changing):
         return held
-    other = changing.likelier() if changing.hold == EVENLY else None
+    other = changing.likelier()
     return _best_fit(held, [changing] if other is None else [changing, other], prepared_as, threads)
 
 
 def _explaining(readings: Sequence[Reading], prepared_as: PreparedAs, threads: int | None) -> Reading | None:
     """The reading whose model, fitted by simulations, explains the log: then nothing else is missing. None where there
-    is none. One that is surely better in the balance is asked alone; of two that explain the log the last, of inputs
-    that change, has to be clearly better. Simpler effects are asked, too: with a wrong one, that the balance cannot
-    tell from it, the right reading may do worse than the other.
+    is none. Of two that explain the log the last, of inputs that change, has to be clearly better. Simpler effects are
+    asked, too: with a wrong one, that the balance cannot tell from it, the right reading may do worse than the other.
     """
-    sure = [one for one in readings if any(one.is_surely_better_than(other) for other in readings)]
     each = (
         _that_explain([reading, *reading.simpler()], SETTINGS.asked_again, prepared_as, threads)
-        for reading in sure or readings
+        for reading in readings
     )
     found = [_likeliest_fit(fits) for fits in each if fits]
     if not found:
@@ -248,24 +255,33 @@ def _read(unread: Task, hold: Hold) -> Task:
 def _best_fit(
     held: Reading, others: Sequence[Reading], prepared_as: PreparedAs, threads: int | None
 ) -> Reading:
-    """That of the others which, each with its model fitted by simulations, explains the log and is clearly better than
-    the first: the effect that is in may not be the right one, so a little better is not enough.
+    """That of the others which, each with its model fitted by simulations, comes near the log, is clearly better than
+    the first with its own model or with the same, and leaves far less: the effects that are in may not be the right
+    ones, and what they leave another reading may take a part of.
     """
-    explaining = _that_explain(others, SETTINGS.else_missing, prepared_as, threads)
-    if not explaining:
+    near = _that_explain(others, SETTINGS.else_missing, prepared_as, threads)
+    if not near:
         return held
-    before = _fit(held, held.model, prepared_as(held.task), threads, USUAL)
-    gains = [np.inf if before is None else _sure_gain(before, fit) for _, fit in explaining]
-    best = int(np.argmax(gains))
-    return explaining[best][0] if gains[best] > COMPARISON.clearly_better else held
+    best, after = _likeliest_fit(near)
+    prepared, models = prepared_as(held.task), [held.model]
+    if names_of(held.model.effects) != names_of(best.model.effects):
+        models.append(held.screening.fitted(best.model))
+    fits = [(held, fit) for m in models if (fit := _fit(held, m, prepared, threads, USUAL)) is not None]
+    if not fits:
+        return best
+    _, before = _likeliest_fit(fits)
+    left = max(before.excess, SETTINGS.asked_again)
+    is_better = _sure_gain(before, after) > COMPARISON.clearly_better
+    return best if is_better and after.excess < SETTINGS.far_less * left else held
 
 
 def _that_explain(
     readings: Sequence[Reading], beyond: float, prepared_as: PreparedAs, threads: int | None
 ) -> list[tuple[Reading, Fit]]:
     """The readings whose models, fitted by simulations, leave no more variance beyond the noise floor's than `beyond`
-    times that. A fit that does not promise to is not ended.
+    times that. A fit that does not promise to is not ended, and where the balance leaves far more none is begun.
     """
+    readings = [r for r in readings if r.model.beyond_noise < SETTINGS.hopeless_with_two]
     most = float(np.sqrt(1 + beyond))
     effort = Effort(to_reach=most, needed=most, escapes=False)
     tasks = {r.hold: r.task for r in readings}

@@ -26,11 +26,11 @@ class SETTINGS:
     """blocks: that are left out in turn. sure: standard errors over blocks by which one reading has to be better, and
     least: of predictive log likelihood; otherwise inputs stay as they were read. else_missing: of the variance of the
     sensors' noise in rows, how much more the model may be wrong by: beyond it something else is missing, which may look
-    like another timing. asked_again: beyond which an effect may tell of another timing than the declared model alone,
-    and within which a fit with one leaves nothing to ask. hopeless: by how much more with one effect in it two are not
-    asked, and hopeless_with_two: with two, no fit is. most: commands from row to row that are told from an even
-    change. early: rows, by which an input acts before its own where that is looked for, and earliest, up to which it
-    is; finest: in which steps.
+    like another timing. asked_again: beyond which the balance does not decide alone, and within which a fit with an
+    effect leaves nothing to ask. hopeless: by how much more with one effect in it two are not asked, and
+    hopeless_with_two: with two at most, no fit is. far_less: of what held inputs leave beyond noise with two effects in
+    others may leave so much. most: commands from row to row that are told from an even change. early: rows, by which an
+    input acts before its own where that is looked for, and earliest, up to which it is; finest: in which steps.
     """
 
     blocks: int = 12
@@ -40,6 +40,7 @@ class SETTINGS:
     asked_again: float = 0.1
     hopeless: float = 100.0
     hopeless_with_two: float = 30.0
+    far_less: float = 0.5
     most: int = 5
     early: float = 0.25
     earliest: float = 2.0
@@ -116,17 +117,17 @@ def input_timings(
 Likelihoods = tuple[np.ndarray, np.ndarray]  # (block,) each
 
 
-def likeliest(asked: Callable[[Hold], Likelihoods], balance: ForceBalance) -> Hold:
-    """How inputs act that change evenly, or almost.
+def likeliest(asked: Callable[[Hold], Likelihoods], balance: ForceBalance, known: Hold = EVENLY) -> Hold:
+    """How inputs act that change between rows.
 
-    asked: gives the likelihoods of an even change, and of another hold. That an input acts before its row has to be
-    surely better: it is the record's fault.
+    asked: gives the likelihoods of the `known` hold, and of another. That an input acts before its row has to be surely
+    better: it is the record's fault.
     """
     row = _row(balance)
-    gains = {EVENLY: 0.0}
-    for hold in changing_holds(balance)[:-1]:
-        evenly, other = asked(hold)
-        gains[hold] = float((other - evenly).sum())
+    gains = {known: 0.0}
+    for hold in changing_holds(balance):
+        if hold != known:
+            gains[hold] = -float(np.subtract(*asked(hold)).sum())
     if is_surely_better(*asked(Hold(np.inf, -SETTINGS.early * row))):
         early = minimize_scalar(
             lambda late: float(np.subtract(*asked(Hold(np.inf, late))).sum()),
