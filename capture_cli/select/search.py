@@ -510,7 +510,8 @@ class Attribution:
         inside = {a.name for a in self.accepted} - {accepted.name}
         candidates = [replace(c) for c in self.candidates if c.name not in inside]
         rest = self._rest(current, accepted, without)
-        ranked = self._scored(without, rest, candidates, by_simulation=by_simulation)
+        polished = None if self.models.is_explained(current) else ROUND.rivals
+        ranked = self._scored(without, rest, candidates, by_simulation=by_simulation, polished=polished)
         mine = next((c for c in ranked if c.name == accepted.name), None)
         if mine is None:
             return
@@ -568,17 +569,22 @@ class Attribution:
         return replace(without, point=np.delete(current.point, current.columns(accepted.name)))
 
     def _scored(
-        self, fitted: Fit, moved: Fit, candidates: Sequence[Candidate], *, by_simulation: bool
+        self,
+        fitted: Fit,
+        moved: Fit,
+        candidates: Sequence[Candidate],
+        *,
+        by_simulation: bool,
+        polished: int | None,
     ) -> list[Candidate]:
         """Those of the candidates that their scores speak for, best first: in the force balance about the `moved`
-        model, or, where that gives none, or by_simulation, through simulations of the `fitted` one.
+        model, so many `polished`, or, where that gives none, or by_simulation, through simulations of the `fitted` one.
         """
         screening = self.models.screening_about(moved, self._step)
         if screening is None or by_simulation:
             Scores(self.models, fitted, self._step).score(candidates)
             return by_score(candidates)
         candidates = [c for c in candidates if c.name in screening.covered]
-        polished = None if self.models.is_explained(fitted) else ROUND.rivals
         score_in_balance(screening, moved, candidates, polished)
         return by_score(candidates)
 

@@ -28,7 +28,7 @@ class SETTINGS:
     sensors' noise in rows, how much more the model may be wrong by: beyond it something else is missing, which may look
     like another timing. asked_again: beyond which the balance does not decide alone, and within which a fit with an
     effect leaves nothing to ask. hopeless: by how much more with one effect in it two are not asked, and
-    hopeless_with_two: with two at most, no fit is. far_less: of what held inputs leave beyond noise with two effects in
+    hopeless_with_two: with two at most, no fit is. far_less: with two effects in, of what held inputs leave beyond it
     others may leave so much. most: commands from row to row that are told from an even change. early: rows, by which an
     input acts before its own where that is looked for, and earliest, up to which it is; finest: in which steps.
     """
