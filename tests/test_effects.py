@@ -1201,11 +1201,10 @@ def test_a_reading_may_bend_by_a_share_of_what_the_log_has():
     effect = in_log("sensor-nonlinearity", "slider", "v", np.linspace(-3.0, 2.0, 50))
     quadratic, cubic = effect.parameters
     assert (quadratic.unit, cubic.unit) == ("1/(m/s)", "1/(m/s)^2")
-    assert quadratic.high == pytest.approx(0.2 / 3) and cubic.high == pytest.approx(0.2 / 9)
-    ends = speed.measure(
-        x[None, :, None] * 1.5 * np.ones(2), np.array([[-quadratic.high, -cubic.high]]), 1.0
-    )[0, :, 1]
-    assert (np.diff(ends) > 0).all(), "it grows up to the largest number"
+    assert quadratic.high == pytest.approx(0.375 / 3) and cubic.high == pytest.approx(0.25 / 9)
+    for values in ([-quadratic.high, 0.0], [0.0, -cubic.high]):
+        ends = speed.measure(x[None, :, None] * 1.5 * np.ones(2), np.array([values]), 1.0)[0, :, 1]
+        assert (np.diff(ends) > 0).all(), "it grows up to the largest number"
 
 
 def test_a_bent_reading_is_straightened_as_far_as_it_grows():

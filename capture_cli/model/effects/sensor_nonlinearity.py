@@ -6,7 +6,7 @@ from capture_cli.model.effects._places import site_id
 from capture_cli.model.effects._sensor_effect import NumberEffect, quantity
 from capture_cli.model.parameters import Parameter
 
-LEAST_SLOPE = 0.25  # of the reading: where it grows less it is not undone
+LEAST_SLOPE = 0.25  # of the reading: where it grows less it is not undone, nor looked for
 
 
 def bent(series, *, quadratic, cubic):
@@ -19,7 +19,7 @@ class SensorNonlinearity(NumberEffect):
     itself.
 
     A potentiometer with a load on its wiper, a load cell, a Hall sensor beyond the middle of its range. Ranges are of
-    sensors whose reading grows up to the largest number that the log has. Lengths are not among its sites:
+    sensors whose reading still grows at the largest number that the log has. Lengths are not among its sites:
     what moves along a line, and once, can do so as any force has it if the line may be bent.
     """
 
@@ -43,9 +43,8 @@ class SensorNonlinearity(NumberEffect):
         largest, unit = self._largest or self.quantity.size, self.quantity.unit
         unit = f"({unit})" if set(unit) & set(" /^") else unit
         units = ("1", "1") if unit == "1" else (f"1/{unit}", f"1/{unit}^2")
-        # of the largest number, that each power adds there: with more, of both, the reading would turn back before it
-        share = 0.2
-        most = share / largest, share / largest**2
+        # either power alone leaves the reading LEAST_SLOPE where it is largest
+        most = (1 - LEAST_SLOPE) / (2 * largest), (1 - LEAST_SLOPE) / (3 * largest**2)
         return tuple(
             Parameter(name, per, -end, end, 0.0)
             for name, per, end in zip(("quadratic", "cubic"), units, most, strict=True)
