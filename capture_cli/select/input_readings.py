@@ -45,11 +45,6 @@ class Reading:
     screening: Screening
     model: BalancedModel
 
-    def with_hold(self, hold: Hold) -> Reading:
-        """With the same model, its inputs acting otherwise."""
-        own = self._screening_as(hold)
-        return replace(self, hold=hold, screening=own, model=own.fitted(self.model))
-
     def with_best(self, hold: Hold) -> Reading:
         """With the best model of one effect at most, its inputs acting so."""
         own = self._screening_as(hold)
