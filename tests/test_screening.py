@@ -287,6 +287,16 @@ def test_a_payload_shows_by_several_masses_where_none_alone_does_it(monkeypatch)
     assert polished.gain > 1.3 * together.gain
 
 
+def test_a_fit_begins_where_the_balance_is_met_not_where_it_promises_to_be():
+    """A spring that pushes away: to first order one that pulls, and rests on the other side, promises as much."""
+    made = Made.of("pan_tilt", seed=5)
+    spring = REGISTRY.get("preloaded-spring")(made.experiment.task.model, "tilt")
+    own = Made(made.experiment, [(spring, np.array([-0.3, 0.36]))])
+    (found,) = own.screening([p for p in own.placed if p.name == "preloaded-spring@tilt"]).additions((), ())
+    assert found.elsewhere
+    np.testing.assert_allclose(found.model.values[0], [-0.3, 0.36], rtol=0.1)
+
+
 def test_a_declared_parameter_that_was_driven_to_its_end_is_led_back():
     """The upper arm's mass falls to its lower bound for want of its centre of mass, with which it makes one moment."""
     case = Case(PLANTED, "arm", ("com-shift@upper",), 10.0, 1352802202)

@@ -72,7 +72,8 @@ class BalancedModel:
 
     likelihood (block,): of each block, by the model that is fitted to the others. slow_noise (memory, nv): of the
     sensors, as far as a model that this one grew from leaves it; none where None. beyond_noise: what it leaves, as of
-    `Whitening`.
+    `Whitening`. at_values: log likelihood of the whole log with the parameters as they are, of which those of blocks
+    are to first order.
     """
 
     effects: tuple[Placed, ...]
@@ -81,6 +82,7 @@ class BalancedModel:
     likelihood: np.ndarray = field(default_factory=lambda: np.zeros(0))
     slow_noise: np.ndarray | None = None
     beyond_noise: float = np.inf
+    at_values: float = -np.inf
 
     @property
     def start(self) -> np.ndarray:
@@ -245,7 +247,8 @@ class Screening:
                     break
                 begun, rest = next(each), rest[1:]
                 gains = [m.gain(model) for m in begun]
-                best = int(np.argmax([g if np.isfinite(g) else -np.inf for g, _ in gains]))
+                # not by the gain: to first order a start from which no descent gets there promises as much
+                best = int(np.argmax([m.at_values for m in begun]))
                 more, (gain, error) = begun[best], gains[best]
                 if np.isfinite(gain):
                     polished.append(replace(addition, model=more, gain=gain, error=error))
@@ -476,14 +479,18 @@ class Screening:
         """
         target, columns = self._system(model)
         if not _is_bounded((*target, *columns)):
-            return replace(model, likelihood=np.full(int(self.block.max()) + 1, np.nan))
+            nowhere = np.full(int(self.block.max()) + 1, np.nan)
+            return replace(model, likelihood=nowhere, at_values=-np.inf)
         slow = np.zeros_like(self.whitening.slow_noise) if model.slow_noise is None else model.slow_noise
         self.whitening.adapt(self._left(model, target, columns), slow)
         target, columns = -self._white(target)[:, 0], self._white(columns)
         sums = Sums.of(target, columns[:, self._free(model, target, columns)], self._block_of_row)
         determinants = np.bincount(self.block, weights=self.whitening.log_determinants())
         likelihood = determinants - 0.5 * predicted(sums)
-        return replace(model, likelihood=likelihood, beyond_noise=self.whitening.beyond_noise)
+        [left] = _without(columns[:, len(model.start) :], target)
+        at_values = float(determinants.sum() - 0.5 * left @ left)
+        beyond_noise = self.whitening.beyond_noise
+        return replace(model, likelihood=likelihood, beyond_noise=beyond_noise, at_values=at_values)
 
     def _bounds(self, model: BalancedModel) -> tuple[np.ndarray, np.ndarray]:
         spaces = [self.space, *(e.effect.space for e in model.effects)]
