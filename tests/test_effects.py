@@ -1608,6 +1608,18 @@ def test_what_sits_at_a_position_may_sit_wherever_the_log_went(name, where, beyo
     assert (position.low, position.high) == (-6.0 - beyond, 1.0 + beyond)
 
 
+def test_a_spring_may_rest_where_it_is_all_but_a_constant_force_and_be_as_stiff_as_any():
+    """A counterweight's spring that is stretched tenfold; of a log that moves little the force sets the end."""
+    spring, other = (
+        effects.REGISTRY.get(n)(machine("arm"), "elbow") for n in ("preloaded-spring", "linear-stiffness")
+    )
+    everywhere = spring.parameters[1]
+    spring.seen = other.seen = JointMotion(-0.1, 0.3, 2.0)
+    stiffness, rest = spring.parameters
+    assert stiffness.high == pytest.approx(other.parameters[0].high)
+    assert -rest.low == rest.high > 4 * everywhere.high and rest.high > 10 * 0.2
+
+
 def test_a_spring_may_rest_beyond_where_the_log_went_and_push_away_from_there():
     """Ropes of a lift, whose weight changes sides: 2.9 N/m away from the middle of its shaft."""
     shaft = build(

@@ -25,8 +25,10 @@ class PreloadedSpring(SpringEffect):
 
     @property
     def parameters(self):
-        high = 5 * self.characteristic_force / self.travel
-        farthest = 2.0  # of the joint's travel: where a spring that only ever pulls one way is at rest
+        high = 5 * self.characteristic_force / self.characteristic_travel
+        # of the joint's travel: where a spring that only ever pulls one way is at rest; in a log farther, to where it
+        # pulls within a tenth as it does in the middle, and is hardly told from a constant force
+        farthest = 10.0 if self.seen else 2.0
         far = abs(self.middle) + farthest * max(self.travel, self.reach)
         pushes = 0.2  # of the stiffest spring: the most that one pushes away from where it rests
         return (
