@@ -459,6 +459,21 @@ def test_gravity_leans_where_it_says():
     assert np.allclose(fields["opt.gravity"], [[9.81 * np.sin(0.1), 0, -9.81 * np.cos(0.1)]])
 
 
+def test_ranges_end_where_physics_does_and_hold_what_is_twice_as_large():
+    """At the low end no control arrives, nothing weighs, friction is gone; a sensor's reading still grows."""
+    shares = ("control-gain", "control-reverse-gain", "control-fade", "friction-fade", "gravity-magnitude")
+    for name in shares:
+        change = placed(name)[0][1].parameters[0]
+        assert change.low == -1 and change.high >= 1, name
+    assert np.allclose(drive("control-gain", [1.0, -2.0], -1.0), 0)
+    scale = placed("sensor-scale")[0][1].parameters[0]
+    assert 0.2 < 1 + scale.low < 0.5 and scale.high >= 1
+    tilt = effects.REGISTRY.get("gravity-tilt")(machine("puck"))
+    fields = ModelFields(machine("puck"), 1)
+    tilt.write(fields, np.array([[tilt.space.high[0], 0.0]]))
+    assert np.allclose(fields["opt.gravity"], [[9.81, 0, 0]]), "level"
+
+
 def test_lowering_the_friction_of_a_geom_lowers_that_of_its_equals():
     effect = effects.REGISTRY.get("contact-friction")(machine("ball"), "floor")
     fields = ModelFields(machine("ball"), 2)

@@ -15,7 +15,7 @@ class ControlFade(ActuatorEffect):
     summary = "a control arrives smaller, or larger, the longer the machine runs"
     shapes = ("time_constant",)
     kernel = staticmethod(grown)
-    parameters = (Parameter("change", "1", -0.8, 0.8, 0.0), TIME_CONSTANT)
+    parameters = (Parameter("change", "1", -1.0, 2.0, 0.0), TIME_CONSTANT)  # to none, or three times
 
     def drive(self, controls, values, timestep, *, elapsed=0.0, **_):
         time = np.reshape(elapsed, (-1, 1)) + timestep * np.arange(controls.shape[1])

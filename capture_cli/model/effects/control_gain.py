@@ -14,4 +14,4 @@ class ControlGain(ActuatorEffect):
 
     summary = "a control arrives larger or smaller than commanded"
     kernel = staticmethod(amplified)
-    parameters = (Parameter("change", "1", -0.5, 0.5, 0.0),)
+    parameters = (Parameter("change", "1", -1.0, 2.0, 0.0),)  # from none to three times

@@ -18,7 +18,7 @@ class ControlReverseGain(ActuatorEffect):
     summary = "a control arrives larger or smaller in reverse"
     where = "every actuator that has a reverse"
     kernel = staticmethod(reversed_gain)
-    parameters = (Parameter("change", "1", -0.8, 0.8, 0.0),)
+    parameters = (Parameter("change", "1", -1.0, 2.0, 0.0),)  # from none to three times
 
     @classmethod
     def sites(cls, model):

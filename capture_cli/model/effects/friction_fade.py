@@ -15,7 +15,7 @@ class FrictionFade(JointEffect):
     place = "force"
     summary = "friction and damping that fall, or grow, the longer the machine runs"
     shapes = ("time_constant",)
-    parameters = (Parameter("change", "1", -0.9, 2.0, 0.0), TIME_CONSTANT)
+    parameters = (Parameter("change", "1", -1.0, 2.0, 0.0), TIME_CONSTANT)  # to none, or three times
 
     def force(self, values, timestep, *, began=0.0, **_):
         return growing(grown, self.coefficients(values), began, (FRICTION, DAMPING), self.dof)

@@ -10,7 +10,7 @@ class GravityMagnitude(Effect):
     place = "model"
     summary = "gravity is stronger or weaker than modelled"
     where = "the model as a whole, where it has gravity"
-    parameters = (Parameter("change", "1", -0.3, 0.3, 0.0),)
+    parameters = (Parameter("change", "1", -1.0, 1.0, 0.0),)  # from what floats to twice
 
     @classmethod
     def sites(cls, model):

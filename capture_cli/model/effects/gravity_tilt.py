@@ -34,7 +34,8 @@ class GravityTilt(Effect):
 
     @property
     def parameters(self):
-        return tuple(Parameter(f"tilt_{AXES[i]}", "rad", -0.2, 0.2, 0.0) for i in self.towards)
+        level = np.pi / 2  # then gravity points along the axis: beyond, the machine hangs
+        return tuple(Parameter(f"tilt_{AXES[i]}", "rad", -level, level, 0.0) for i in self.towards)
 
     def write(self, fields, values):
         gravity = fields["opt.gravity"]

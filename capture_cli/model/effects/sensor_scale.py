@@ -14,7 +14,8 @@ class SensorScale(NumberEffect):
 
     summary = "a sensor reports too much or too little in proportion"
     kernel = staticmethod(rescaled)
-    parameters = (Parameter("change", "1", -0.2, 0.2, 0.0),)
+    # from a quarter of what is there, as of other sensors whose reading is undone, to three times
+    parameters = (Parameter("change", "1", -0.75, 2.0, 0.0),)
 
     def undone(self, derivatives, values):
         return derivatives / (1 + values[:, None])
