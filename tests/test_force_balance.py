@@ -50,7 +50,7 @@ PLANTED = {
     ],
     "sensor": [
         ("sensor-bias", "pole", 0.3),
-        ("sensor-scale", "cart", 0.3),
+        ("sensor-scale", "cart", 0.03),
         ("sensor-delay", "", 0.03),
         ("sensor-low-pass", "pole", 0.03),
         ("sensor-second-order-low-pass", "pole", 0.03),
@@ -151,7 +151,7 @@ def test_with_nothing_missing_what_is_left_is_the_noise(machine):
 # sizes beyond which the change is not in proportion any more
 FAR = {
     "sensor-delay": ("q2", 0.08),  # 20 ms
-    "sensor-scale": ("q1", 0.5),
+    "sensor-scale": ("q1", 0.05),
     "control-delay": ("shoulder", 0.5),
     "reflected-inertia": ("elbow", 0.3),
 }

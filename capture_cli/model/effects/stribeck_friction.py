@@ -22,7 +22,9 @@ class StribeckFriction(JointForce):
     @property
     def parameters(self):
         fast = self.characteristic_speed
+        # in a log to where nine tenths are left at its fastest, which dry friction of one size is hardly told from
+        highest = 3.0 if self.seen else 0.5
         return (
             Parameter("breakaway", self.unit("N", "N m"), 0.0, self.characteristic_force, 0.0),
-            Parameter("speed", self.unit("m/s", "rad/s"), 2e-3 * fast, 0.5 * fast, 0.03 * fast),
+            Parameter("speed", self.unit("m/s", "rad/s"), 2e-3 * fast, highest * fast, 0.03 * fast),
         )
