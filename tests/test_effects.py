@@ -485,6 +485,14 @@ def test_a_shape_that_may_be_planted_is_in_the_range_of_a_log(machine_name):
     assert outside <= ENDS_WITH_THE_LOG
 
 
+def test_a_sensor_may_drift_as_far_in_a_short_log_as_in_a_long_one():
+    where, known = placed("sensor-drift")[0]
+    drifting = type(known)(machine(where), known.site)
+    [anywhere] = drifting.parameters
+    drifting.longest = 2.0
+    assert drifting.parameters[0].high == pytest.approx(10 * anywhere.high)
+
+
 def test_ranges_end_where_physics_does_and_hold_what_is_twice_as_large():
     """At the low end no control arrives, nothing weighs, friction is gone; a sensor's reading still grows."""
     shares = ("control-gain", "control-reverse-gain", "control-fade", "friction-fade", "gravity-magnitude")

@@ -21,7 +21,8 @@ class SensorDrift(NumberEffect):
 
     @property
     def parameters(self):
-        largest = 0.03  # of the size that its values commonly have, per s
+        usual = 20.0  # s, that an episode takes where no log says
+        largest = 0.6 / (self.longest or usual)  # of the size that its values commonly have, over an episode
         return self.for_each("rate", f"{self.quantity.unit}/s", largest * self.quantity.size)
 
     def coefficients(self, values):
