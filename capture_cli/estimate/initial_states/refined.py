@@ -25,7 +25,7 @@ class SETTINGS:
     patience: int = 2  # rounds
     damping_step: float = 10.0
     descents: int = 4  # of the initial states that a window may have, that are descended from
-    searches: int = 2  # times that other initial states are looked for
+    searches: int = 3  # times that other initial states are looked for
     axis_shares: tuple[float, ...] = (-1.0, -0.3, 0.3, 1.0)  # of a state's sd, by which it alone is moved
     drawn: int = 16  # places where they are, drawn from what is known of initial states beforehand
     # Where contacts make the error jump no slope leads to the bottom: so many places are drawn, and then so
@@ -60,13 +60,10 @@ def fit_initial_states(
     found = _settled(data, evaluate, corrections, tolerance)
     if also is not None:
         found = _or_from(found, evaluate, also[None], tolerance, found.inflation)
-    generator, searched = np.random.default_rng(0), np.zeros(0, dtype=int)
-    drawn = generator.standard_normal(
-        (SETTINGS.drawn_if_rough if data.rough else SETTINGS.drawn, corrections.shape[1])
-    )
+    generator, count = np.random.default_rng(0), SETTINGS.drawn_if_rough if data.rough else SETTINGS.drawn
     for _ in range(SETTINGS.searches):
         stuck = data.standing_out(found.residual)
-        stuck, searched = np.setdiff1d(stuck, searched), np.union1d(stuck, searched)
+        drawn = generator.standard_normal((count, corrections.shape[1]))
         others = data.other_initial_states(found.corrections, stuck, drawn)[:, stuck]
         if not others.size:
             break
