@@ -594,19 +594,9 @@ class ForceBalance:
         """As of `_forces`."""
         moved = state is not None or controls is not None
         state = self.state if state is None else state
-        if point is None and writing is None:
-            model, runner = self._model, self._plain
-        else:
-            writing = self._acting("model") if writing is None else writing
-            model = self._written(self.point if point is None else point, writing)
-            runner = None
-        if runner is None and not moved and self._differs_in_friction_alone(model):
-            null = self._null
-            smooth, push, contacts, inertia = null.smooth, null.push, null.contacts, null.inertia
-        else:
-            runner = self._runner(model) if runner is None else runner
-            inertia, push, contacts = (runner.bind(name) for name in ("M", "qfrc_constraint", "ncon"))
-            smooth = self._set(runner, state, self.controls if controls is None else controls)
+        controls = self.controls if controls is None else controls
+        model, applied = self._applied(point, writing, (state, controls), moved=moved)
+        smooth, push, contacts, inertia = applied
         changed = self._changed(model, smooth, inertia, moved=moved)
         here = np.zeros(model.nv, dtype=bool)
         for own in changed:
@@ -620,15 +610,34 @@ class ForceBalance:
             inverse = self._own_inverse_mass if same else self._inverse_mass(model, inertia, some=changed)
             loss = np.where(here, model.dof_frictionloss, 0.0)
             friction[:, here] = self._friction(model, inverse, smooth, loss, state)[:, here]
-        applied = smooth + friction
+        forces = smooth + friction
         felt = self._holding(_felt(model, inertia))
-        free[:, here] = solved(model, felt, np.where(self.at_rest, state[2], applied), changed)[:, here]
+        free[:, here] = solved(model, felt, np.where(self.at_rest, state[2], forces), changed)[:, here]
         pushed = np.zeros_like(free)
         if self.unshown.size:
             pushed = solved(model, felt, np.where(self.at_rest, 0.0, push))
-        forces = Accelerations(state[2], self._resting(free, pushed))
+        accelerations = Accelerations(state[2], self._resting(free, pushed))
         kept = (a.copy() for a in (push, contacts, inertia))
-        return _WorkedOut(forces, smooth, friction, free, pushed, *kept)
+        return _WorkedOut(accelerations, smooth, friction, free, pushed, *kept)
+
+    def _applied(
+        self, point, writing, at: tuple[tuple[np.ndarray, ...], np.ndarray], *, moved: bool
+    ) -> tuple[mujoco.MjModel, tuple[np.ndarray, ...]]:
+        """The model with other parameters and written fields, and what it applies `at` states and controls: forces but
+        dry friction, what contacts push by, (point, nv) each, how many these are, (point,), and the inertia as
+        mjData.M packs it.
+        """
+        if point is None and writing is None:
+            model, runner = self._model, self._plain
+        else:
+            writing = self._acting("model") if writing is None else writing
+            model, runner = self._written(self.point if point is None else point, writing), None
+        if runner is None and not moved and self._differs_in_friction_alone(model):
+            null = self._null
+            return model, (null.smooth, null.push, null.contacts, null.inertia)
+        runner = self._runner(model) if runner is None else runner
+        rest = [runner.bind(name) for name in ("qfrc_constraint", "ncon", "M")]
+        return model, (self._set(runner, *at), *rest)
 
     def _changed(
         self, model: mujoco.MjModel, smooth: np.ndarray, inertia: np.ndarray, *, moved: bool
