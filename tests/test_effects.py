@@ -1126,6 +1126,7 @@ def test_how_long_controls_are_remembered_is_said_in_the_docs(name):
     ("name", "values", "memory", "said"),
     [
         ("control-lag", (0.1,), 20 * 0.1, "20 `time_constant`"),
+        ("control-lag", (0.4,), 4.0, "4 s at most"),
         ("control-second-order-lag", (0.1, 0.5), 12 * 0.1 / 0.5, "12 time constants"),
         ("control-second-order-lag", (0.1, 1.0), 12 * 0.1, "12 time constants"),
         ("control-second-order-lag", (0.15, 0.3), 4.0, "4 s at most"),

@@ -34,7 +34,7 @@ from capture_cli.select.candidates import all_candidates
 # small: columns are taken where the declared parameters fit best without the effect, and a large one bends those
 CASES = [
     ("slider", "quadratic-drag", "x", 0.5),
-    ("slider", "control-delay", "drive", 0.1),
+    ("slider", "control-delay", "drive", 0.02),
     ("slider", "sensor-bias", "q", 0.05),
     ("cart_pole", "constant-force", "theta", 0.01),
     ("cart_pole", "coulomb-friction", "x", 0.02),
@@ -86,7 +86,7 @@ def test_behind_a_loggers_filter_samples_are_taken_that_have_noise_of_their_own(
 
 def test_threads_change_no_bit(monkeypatch):
     set_numbers(monkeypatch, processes, worth=0.0)  # copies of this process work on all that they can
-    own = Made.of("cart_pole", ("control-lag", "drive", 0.3), episodes=2)
+    own = Made.of("cart_pole", ("control-lag", "drive", 0.12), episodes=2)
     few = [
         p for p in own.placed if p.kind in ("control-lag", "control-delay", "coulomb-friction", "backlash")
     ]
@@ -364,7 +364,7 @@ def test_a_simpler_effect_is_fitted_that_does_nearly_the_same():
     """Two lags one after the other beside one: by columns alone it seems to do far less."""
     case = Case("planted", "pan_tilt", ("control-lag",), 10.0, 580590091, "no-window", episodes=6)
     names = "control-lag", "control-second-order-lag", "control-delay", "gravity-magnitude"
-    screening = screening_of_case(case, [0.03], *names)
+    screening = screening_of_case(case, [0.012], *names)
     best = screening.best()
     assert [e.name for e in best.effects] == ["control-second-order-lag"]
     simpler = {m.effects[0].name: m for m in screening.simpler(best)}

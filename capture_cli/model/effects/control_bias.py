@@ -17,4 +17,4 @@ class ControlBias(ActuatorEffect):
 
     @property
     def parameters(self):
-        return (Parameter("offset", UNIT, -0.5 * self.scale, 0.5 * self.scale, 0.0),)
+        return (Parameter("offset", UNIT, -self.scale, self.scale, 0.0),)

@@ -21,4 +21,4 @@ class ControlDeadZone(ActuatorEffect):
 
     @property
     def parameters(self):
-        return (Parameter("width", UNIT, 0.0, 0.5 * self.scale, 0.0),)
+        return (Parameter("width", UNIT, 0.0, self.scale, 0.0),)

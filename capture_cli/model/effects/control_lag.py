@@ -2,6 +2,7 @@
 
 from capture_cli.common.frozen import frozen
 from capture_cli.common.recursive_filter import recursion
+from capture_cli.log.windows import SETTINGS as WINDOWS
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect
 from capture_cli.model.effects._lag import Lag, left_behind
 from capture_cli.model.parameters import Parameter
@@ -19,11 +20,11 @@ class ControlLag(ControlTimeEffect):
 
     summary = "a control arrives through a first-order lag"
     kernel = Lag
-    remembers = f"{SETTINGS.forgotten:g} `time_constant`"
-    parameters = (Parameter("time_constant", "s", 0.0, 0.2, 0.0),)
+    remembers = f"{SETTINGS.forgotten:g} `time_constant`, {WINDOWS.lead:g} s at most"
+    parameters = (Parameter("time_constant", "s", 0.0, 0.5, 0.0),)
 
     def memory(self, values):
-        return SETTINGS.forgotten * float(values.max())
+        return min(SETTINGS.forgotten * float(values.max()), WINDOWS.lead)
 
     def at_once(self, told, coefficients, timestep):
         lag = Lag(**coefficients, timestep=timestep)

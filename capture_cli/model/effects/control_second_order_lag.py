@@ -53,7 +53,7 @@ class ControlSecondOrderLag(ControlTimeEffect):
         f"the latter is 1 or less; {WINDOWS.lead:g} s at most"
     )
     parameters = (
-        Parameter("time_constant", "s", 0.0, 0.15, 0.0),
+        Parameter("time_constant", "s", 0.0, 0.3, 0.0),
         Parameter("damping_ratio", "1", 0.3, 1.5, 1.0),
     )
 

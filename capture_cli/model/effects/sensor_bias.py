@@ -17,7 +17,7 @@ class SensorBias(NumberEffect):
 
     @property
     def parameters(self):
-        return self.for_each("offset", self.quantity.unit, 0.3 * self.quantity.size)
+        return self.for_each("offset", self.quantity.unit, self.quantity.size)
 
     def coefficients(self, values):
         return {"offset": self.of_all(values)}

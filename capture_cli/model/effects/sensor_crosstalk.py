@@ -63,7 +63,7 @@ class SensorCrosstalk(NumberEffect):
     def parameters(self):
         unit = f"{self.quantity.unit} per {actuator_force_unit(self.model, self.actuator)}"
         strongest = actuator_force_scale(self.model, self.actuator)
-        most = 0.3  # of what a sensor commonly shows, from the largest force of an actuator
+        most = 1.0  # of what a sensor commonly shows, from the largest force of an actuator
         return self.for_each("share", unit, most * self.quantity.size / strongest)
 
     @property

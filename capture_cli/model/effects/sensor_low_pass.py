@@ -32,7 +32,7 @@ class SensorLowPass(SensorFilter):
 
     summary = "a sensor reports through a first-order low-pass filter"
     kernel = staticmethod(low_passed)
-    parameters = (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
+    parameters = (Parameter("time_constant", "s", 0.0, 0.5, 0.0),)
     begins_with = ("ahead",)
 
     def undone(self, derivatives, values):

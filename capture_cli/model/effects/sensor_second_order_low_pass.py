@@ -41,7 +41,7 @@ class SensorSecondOrderLowPass(SensorFilter):
     shapes = ("damping_ratio",)
     kernel = staticmethod(second_order_low_passed)
     parameters = (
-        Parameter("time_constant", "s", 0.0, 0.1, 0.0),
+        Parameter("time_constant", "s", 0.0, 0.3, 0.0),
         Parameter("damping_ratio", "1", 0.3, 1.5, 0.7),
     )
     begins_with = ("ahead", "rising")
