@@ -128,15 +128,21 @@ class ModelComparison:
             return np.inf
         return max(LACK_OF_FIT.near_floor, lack_of_fit(current.at).threshold)
 
-    def screening_about(self, fit: Fit, on_step: Callable[[str, int, int], None]) -> Screening | None:
-        """Of the `candidates` in the force balance of a model; None where there is none, or too little moves in it."""
+    def screening_about(
+        self, fit: Fit, on_step: Callable[[str, int, int], None], *, moved: bool = False
+    ) -> Screening | None:
+        """Of the `candidates` in the force balance of a model; None where there is none, or too little moves in it.
+
+        moved: whether its parameters are not those that fill the balance of what the log holds without more effects.
+        """
         declared = self.screening(on_step)
-        if declared is None or not fit.effects:
+        if declared is None or not (fit.effects or moved):
             return declared
         if self._about is None or self._about[0] is not fit:
             point = fit.point[: len(self.fits.prepared.task.space)]
             try:
-                self._about = fit, declared.about(point, fit.effects, fit.values)
+                about = declared.about(point, fit.effects, fit.values)
+                self._about = fit, about.with_new_columns({"control", "measurement"}) if moved else about
             except LogError:
                 self._about = fit, None
         return self._about[1]

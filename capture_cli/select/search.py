@@ -523,10 +523,26 @@ class Attribution:
             # what was fitted does not explain it; and what is alike in the balance need not be in a simulation
             new = [c for c in new if not self.models.is_fitted([*without.effects, c.placed])]
             new = new[: SETTINGS.likeliest]
+            fitted = {c.name for c in new} | known | inside
+            new += [c for c in self._at_the_other_end(current, accepted) if c.name not in fitted]
         else:
             new = worth_a_refit(new)[0][: ROUND.rivals]
         accepted.score = mine.score
         accepted.rivals = [*(c for c in ranked if c.name in known), *new]
+
+    def _at_the_other_end(self, current: Fit, accepted: Accepted) -> list[Candidate]:
+        """Of an effect on controls those of the same law on sensors, and the reverse, as large: a command that is late
+        moves what follows it linearly as a sensor does that is late. The balance has those of sensors to first order.
+        """
+        mine = accepted.placed.effect
+        ends = {"control": "measurement", "measurement": "control"}
+        return [
+            replace(c, score=None, start=current.point[current.columns(accepted.name)], start_elsewhere=None)
+            for c in self.candidates
+            if c.placed.effect.place == ends.get(mine.place)
+            and [(p.name, p.unit) for p in c.placed.effect.parameters]
+            == [(p.name, p.unit) for p in mine.parameters]
+        ]
 
     def _ask_simulations_for_rivals(self, current: Fit, accepted: Accepted) -> None:
         """Those of an effect that the balance found, among what simulations alone tell of, scored beside it by these:
@@ -580,7 +596,7 @@ class Attribution:
         """Those of the candidates that their scores speak for, best first: in the force balance about the `moved`
         model, so many `polished`, or, where that gives none, or by_simulation, through simulations of the `fitted` one.
         """
-        screening = self.models.screening_about(moved, self._step)
+        screening = self.models.screening_about(moved, self._step, moved=moved is not fitted)
         if screening is None or by_simulation:
             Scores(self.models, fitted, self._step).score(candidates)
             return by_score(candidates)

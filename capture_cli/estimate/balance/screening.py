@@ -7,7 +7,7 @@ balance; nothing is simulated. What comes out is a ranking, with the values that
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import closing
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
@@ -188,6 +188,22 @@ class Screening:
         if not _is_bounded((*target, *columns)):
             names = " and ".join(p.name for p in effects)
             raise LogError(f"with {names} the model runs away along the log", cure="")
+        return other
+
+    def with_new_columns(self, places: Set[str]) -> Screening:
+        """The same, with the columns of effects of these `places` made in this balance: far from the declared model a
+        late command acts at other states.
+        """
+        new, other = [p for p in self.placed if p.effect.place in places], copy(self)
+        other._known, other.atoms = {}, []
+        columns = other._dictionary(new, lambda *_: None)
+        old = [a.placed.effect.place not in places for a in self.atoms]
+        of_old = np.repeat(old, [len(a.scale) for a in self.atoms])
+        other.atoms = [a for a, keep in zip(self.atoms, old, strict=True) if keep] + other.atoms
+        other.columns = [
+            np.concatenate([own[..., of_old], more], axis=-1)
+            for own, more in zip(self.columns, columns, strict=True)
+        ]
         return other
 
     def _in(self, balance: ForceBalance, whitening: Whitening) -> Screening:
