@@ -33,7 +33,7 @@ class ControlDelay(ControlTimeEffect):
     summary = "a control arrives late"
     kernel = Delay
     remembers = "`delay`"
-    parameters = (Parameter("delay", "s", 0.0, 0.5, 0.0),)
+    parameters = (Parameter("delay", "s", 0.0, 0.5, 0.0),)  # what a busy network takes
 
     def arrived(self, told, coefficients, timestep):
         delay = Delay(**coefficients, timestep=timestep)

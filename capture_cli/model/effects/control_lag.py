@@ -21,7 +21,7 @@ class ControlLag(ControlTimeEffect):
     summary = "a control arrives through a first-order lag"
     kernel = Lag
     remembers = f"{SETTINGS.forgotten:g} `time_constant`, {WINDOWS.lead:g} s at most"
-    parameters = (Parameter("time_constant", "s", 0.0, 0.5, 0.0),)
+    parameters = (Parameter("time_constant", "s", 0.0, 0.5, 0.0),)  # in `lead` 3e-4 of it is left
 
     def memory(self, values):
         return min(SETTINGS.forgotten * float(values.max()), WINDOWS.lead)
