@@ -9,7 +9,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from balances import Made
 from machines import (
     ARM,
     BALL,
@@ -27,7 +26,6 @@ from machines import (
 )
 from scipy.linalg import expm
 
-from benchmarks._planted_logs.cases import direction
 from capture_cli.errors import ModelError
 from capture_cli.estimate.initial_states.from_outputs import model_initial_states
 from capture_cli.log.arrays import Log
@@ -459,30 +457,6 @@ def test_gravity_leans_where_it_says():
     fields = ModelFields(machine("puck"), 1)
     effect.write(fields, np.array([[0.1, 0.0]]))
     assert np.allclose(fields["opt.gravity"], [[9.81 * np.sin(0.1), 0, -9.81 * np.cos(0.1)]])
-
-
-# shapes that end where the log does: what is planted beyond does as another effect
-ENDS_WITH_THE_LOG = {
-    ("one-sided-spring", "position"),  # preloaded-spring
-    ("torque-speed-limit", "no_load_speed"),  # actuator-force-limit
-    ("position-dependent-friction", "centre"),  # nothing, beyond its flank
-}
-
-
-@pytest.mark.parametrize("machine_name", ["cart_pole", "pan_tilt", "finger"])
-def test_a_shape_that_may_be_planted_is_in_the_range_of_a_log(machine_name):
-    own = Made.of(machine_name, episodes=3)
-    outside = set()
-    for kind, effect in (p for p in own.placed if p.effect.shapes):
-        anywhere = effects.REGISTRY.get(kind)(own.experiment.task.model, effect.site)
-        low, high = (
-            dict(zip(effect.space.names, ends, strict=True)) for ends in (effect.space.low, effect.space.high)
-        )
-        for number in range(10):
-            values = direction(anywhere, np.random.default_rng(number))(0.0)
-            drawn = zip(anywhere.space.names, values, strict=True)
-            outside |= {(kind, n) for n, v in drawn if n in effect.shapes and not low[n] <= v <= high[n]}
-    assert outside <= ENDS_WITH_THE_LOG
 
 
 def test_a_sensor_may_drift_as_far_in_a_short_log_as_in_a_long_one():

@@ -7,6 +7,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from balances import Made
 
 from benchmarks._planted_logs.cases import (
     KINDS,
@@ -154,3 +155,27 @@ def test_size_out_of_reach_beyond_divergence_and_across_a_jump():
     found = size(lambda s: 1000.0 * s if s < 0.02 else np.inf, 3.0)
     assert 1000.0 * found == pytest.approx(np.sqrt(8), rel=0.1)
     assert size(lambda s: 0.0 if s < 0.02 else 50.0, 3.0) is None
+
+
+# shapes that end where the log does: what is planted beyond does as another effect
+ENDS_WITH_THE_LOG = {
+    ("one-sided-spring", "position"),  # preloaded-spring
+    ("torque-speed-limit", "no_load_speed"),  # actuator-force-limit
+    ("position-dependent-friction", "centre"),  # nothing, beyond its flank
+}
+
+
+@pytest.mark.parametrize("machine_name", ["cart_pole", "pan_tilt", "finger"])
+def test_a_shape_that_may_be_planted_is_in_the_range_of_a_log(machine_name):
+    own = Made.of(machine_name, episodes=3)
+    outside = set()
+    for kind, effect in (p for p in own.placed if p.effect.shapes):
+        anywhere = REGISTRY.get(kind)(own.experiment.task.model, effect.site)
+        low, high = (
+            dict(zip(effect.space.names, ends, strict=True)) for ends in (effect.space.low, effect.space.high)
+        )
+        for number in range(10):
+            values = direction(anywhere, np.random.default_rng(number))(0.0)
+            drawn = zip(anywhere.space.names, values, strict=True)
+            outside |= {(kind, n) for n, v in drawn if n in effect.shapes and not low[n] <= v <= high[n]}
+    assert outside <= ENDS_WITH_THE_LOG
