@@ -35,7 +35,7 @@ class SETTINGS:
     near: float = 0.8
     periods: int = 160
     step: float = 0.02
-    far_steps: tuple[float, ...] = (0.004, 0.06, 0.16, 0.4, 0.7)
+    far_steps: tuple[float, ...] = (0.1, 0.3, 0.7)
     same_way: float = 0.98
     beyond_onset: tuple[float, ...] = (0.03, 0.08, 0.16, 0.3, 0.5, 0.75)
     halvings: int = 5
@@ -273,16 +273,16 @@ def _shares(effect: Effect) -> tuple[float, ...]:
     """Steps of the amplitudes, in ranges, at which columns are taken."""
     if effect.has_threshold:
         return SETTINGS.beyond_onset
-    if _may_saturate(effect):
-        return (SETTINGS.step, SETTINGS.far_steps[-1])
     if effect.place not in ("force", "control"):
         return (SETTINGS.step,)
+    if _may_saturate(effect):
+        return (SETTINGS.step, SETTINGS.far_steps[-1])
     return (SETTINGS.step, -SETTINGS.step)  # dry friction acts one way, and so do limits of a control
 
 
 def _may_saturate(effect: Effect) -> bool:
     """Whether what it does need not grow in proportion to its amplitude, nor begin beyond a threshold."""
-    may = effect.place != "model" and not effect.has_threshold
+    may = effect.place in ("force", "control") and not effect.has_threshold
     return may and bool(effect.states or effect.remembers)
 
 
