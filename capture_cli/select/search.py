@@ -534,14 +534,12 @@ class Attribution:
         """Of an effect on controls those of the same law on sensors, and the reverse, as large: a command that is late
         moves what follows it linearly as a sensor does that is late. The balance has those of sensors to first order.
         """
-        mine = accepted.placed.effect
-        ends = {"control": "measurement", "measurement": "control"}
+        other_end = {"control": "measurement", "measurement": "control"}.get(accepted.placed.effect.place)
+        same, start = _numbers(accepted.placed), current.point[current.columns(accepted.name)]
         return [
-            replace(c, score=None, start=current.point[current.columns(accepted.name)], start_elsewhere=None)
+            replace(c, score=None, start=start, start_elsewhere=None)
             for c in self.candidates
-            if c.placed.effect.place == ends.get(mine.place)
-            and [(p.name, p.unit) for p in c.placed.effect.parameters]
-            == [(p.name, p.unit) for p in mine.parameters]
+            if c.placed.effect.place == other_end and _numbers(c.placed) == same
         ]
 
     def _ask_simulations_for_rivals(self, current: Fit, accepted: Accepted) -> None:
@@ -685,6 +683,11 @@ def _may_rival(mine: Score, other: Score) -> bool:
     to say, or does nearly the same.
     """
     return other.gain > SETTINGS.as_much * mine.gain or do_the_same(mine, other)
+
+
+def _numbers(placed: Placed) -> list[tuple[str, str]]:
+    """Names and units of its parameters: of the same law on a control as on a sensor they are the same."""
+    return [(p.name, p.unit) for p in placed.effect.parameters]
 
 
 def _is_shorter_step(placed: Placed) -> bool:

@@ -72,8 +72,8 @@ class BalancedModel:
 
     likelihood (block,): of each block, by the model that is fitted to the others. slow_noise (memory, nv): of the
     sensors, as far as a model that this one grew from leaves it; none where None. beyond_noise: what it leaves, as of
-    `Whitening`. at_values: log likelihood of the whole log with the parameters as they are, of which those of blocks
-    are to first order.
+    `Whitening`. at_values: log likelihood of the whole log with the parameters as they are; `likelihood` has them a
+    linear step on.
     """
 
     effects: tuple[Placed, ...]
