@@ -280,10 +280,11 @@ class ModelComparison:
         self.know(again)
         return again
 
-    def without(self, current: Fit, name: str) -> Fit | None:
-        """The fit of `current` less the effect that is called `name` there."""
-        effects = [e for e in current.effects if e.name != name]
-        return self.fit(effects, np.delete(current.point, current.columns(name)), current)
+    def without(self, current: Fit, *names: str) -> Fit | None:
+        """The fit of `current` less the effects that are called so there."""
+        effects = [e for e in current.effects if e.name not in names]
+        own = np.r_[tuple(current.columns(name) for name in names)]
+        return self.fit(effects, np.delete(current.point, own), current)
 
     def nested(self, last: Fit, count: int) -> Fit:
         """The fit of the declared model with the first `count` effects of `last`."""

@@ -447,33 +447,56 @@ class Attribution:
     # --- backward ---
 
     def _backward(self, current: Fit) -> Fit:
-        """Drop, weakest first, the effects that nothing speaks for, given the others."""
-        while True:
-            weakest, without = None, None
-            for accepted in self.accepted:
-                self._step("drop", 0, 1)
-                fit = self.models.without(current, accepted.name)
-                if fit is None:
-                    continue
-                if current.at.data.rough:  # with the effect a descent may have left a poor minimum
-                    fit = self.models.better_from(fit, current) or fit
-                accepted.support, _ = self._support(fit, current, accepted.placed)
-                if accepted.support.reason_against() and (
-                    weakest is None or accepted.support.bic_gain < weakest.support.bic_gain
-                ):
-                    weakest, without = accepted, fit
-            if weakest is None:
-                return current
-            self.accepted.remove(weakest)
-            reason = weakest.support.reason_against()
-            self._candidate(weakest.name).why_rejected = f"with the other effects in: {reason}"
-            current = without
-
-    def _support(self, without: Fit, fit: Fit, placed: Placed) -> tuple[Support, PartFit | None]:
-        """The support for `placed` in `fit` over the model `without` it, the best of all candidates, and how `fit` does
-        on what judges.
+        """Drop the effects that nothing speaks for, given the others: as many at once, weakest first, as nothing speaks
+        for together.
         """
-        return self.models.support(without, fit, [self._candidate(placed.name)], len(self.candidates))
+        while True:
+            idle = self._idle(current)
+            if not idle:
+                return current
+            current = self._dropped(current, idle)
+
+    def _idle(self, current: Fit) -> list[tuple[Accepted, Fit]]:
+        """The effects that nothing speaks for, weakest first, each with the model without it."""
+        idle = []
+        for number, accepted in enumerate(self.accepted):
+            self._step("drop", number, len(self.accepted))
+            fit = self.models.without(current, accepted.name)
+            if fit is None:
+                continue
+            if current.at.data.rough:  # with the effect a descent may have left a poor minimum
+                fit = self.models.better_from(fit, current) or fit
+            accepted.support, _ = self._support(fit, current, [accepted])
+            if accepted.support.reason_against():
+                idle.append((accepted, fit))
+        return sorted(idle, key=lambda own: own[0].support.bic_gain)
+
+    def _dropped(self, current: Fit, idle: Sequence[tuple[Accepted, Fit]]) -> Fit:
+        """`current` without the weakest of `idle`: half as many each time that something speaks for them together, for
+        of two that do the same each alone has nothing to do.
+        """
+        count, (_, left) = len(idle), idle[0]
+        while count > 1:
+            some = [accepted for accepted, _ in idle[:count]]
+            self._step("drop", 0, 1)
+            without = self.models.without(current, *(a.name for a in some))
+            if without is not None and self._support(without, current, some)[0].reason_against():
+                left = without
+                break
+            count //= 2
+        for accepted, _ in idle[:count]:
+            self.accepted.remove(accepted)
+            reason = accepted.support.reason_against()
+            self._candidate(accepted.name).why_rejected = f"with the other effects in: {reason}"
+        return left
+
+    def _support(
+        self, without: Fit, fit: Fit, some: Sequence[Accepted | Candidate]
+    ) -> tuple[Support, PartFit | None]:
+        """The support for `some` effects in `fit` over the model `without` them, each the best of all candidates, and
+        how `fit` does on what judges.
+        """
+        return self.models.support(without, fit, [self._candidate(a.name) for a in some], len(self.candidates))
 
     def _candidate(self, name: str) -> Candidate:
         return next(c for c in self.candidates if c.name == name)
@@ -666,7 +689,7 @@ class Attribution:
 
     def _with_fit(self, candidate: Candidate, without: Fit, fit: Fit) -> Candidate:
         """The candidate with a fit that has it, and its support there over the fit `without` it."""
-        support, select = self._support(without, fit, candidate.placed)
+        support, select = self._support(without, fit, [candidate])
         return replace(candidate, fit=fit, select=select, support=support)
 
     def _again_from(self, best: Candidate, other: Candidate) -> Candidate:
