@@ -65,6 +65,14 @@ def test_a_limit_is_found_that_the_force_seldom_reaches():
     assert best.model.values[0][0] == pytest.approx(stall, rel=0.05)
 
 
+def test_a_limit_that_one_block_alone_reaches_shows_at_first_sight():
+    """Fitted to the others its coefficient would be anything, were it not about 1."""
+    name = "actuator-force-limit@tilt"
+    case = Case(PLANTED, "pan_tilt", (name,), 3.0, 1866235701)
+    (found,) = screening_of_case(case, [0.763], name).additions((), (), 0)
+    assert found.gain > 100
+
+
 @pytest.mark.parametrize("machine", ["slider", "cart_pole"])
 def test_nothing_comes_where_nothing_is_missing(machine):
     found = Made.of(machine, episodes=4).screening().additions((), ())
@@ -126,11 +134,12 @@ def test_a_log_in_which_no_effect_moves_anything_has_no_additions():
     assert Made.of("slider", episodes=2).screening([]).additions((), ()) == []
 
 
-def _refitted(target, columns, block, leave):
-    """The maximum a posteriori by least squares with the prior as rows."""
+def _refitted(target, columns, block, leave, expected):
+    """The maximum a posteriori by least squares with the prior as rows; expected: of the last coefficients."""
     keep = block != leave
     rows = np.vstack([columns[keep], np.eye(columns.shape[1])])
-    return np.linalg.lstsq(rows, np.append(target[keep], np.zeros(columns.shape[1])), rcond=None)[0]
+    about = np.append(np.zeros(columns.shape[1] - len(expected)), expected)
+    return np.linalg.lstsq(rows, np.append(target[keep], about), rcond=None)[0]
 
 
 @settings(max_examples=30, deadline=None)
@@ -141,16 +150,18 @@ def test_additions_are_what_refits_one_by_one_give(seed, own, models, added):
     block = np.sort(np.append(np.arange(blocks), generator.integers(0, blocks, rows - blocks)))
     target, base = generator.standard_normal(rows), 3 * generator.standard_normal((rows, own))
     more = 3 * generator.standard_normal((rows, models, added))
+    expected = generator.integers(0, 3, (models, added)).astype(float)
     sums, parts = Sums.of(target, base, block), [np.flatnonzero(block == b) for b in range(blocks)]
     gain = additions(
         sums,
         np.array([np.einsum("ri,rma->ima", base[p], more[p]) for p in parts]),
         np.array([np.einsum("rma,rmc->mac", more[p], more[p]) for p in parts]),
         np.array([np.einsum("r,rma->ma", target[p], more[p]) for p in parts]),
+        expected,
     )
 
-    def errors(columns):
-        fits = [_refitted(target, columns, block, b) for b in range(blocks)]
+    def errors(columns, about=()):
+        fits = [_refitted(target, columns, block, b, about) for b in range(blocks)]
         return np.array(
             [np.square(target[p] - columns[p] @ f).sum() for p, f in zip(parts, fits, strict=True)]
         )
@@ -158,10 +169,11 @@ def test_additions_are_what_refits_one_by_one_give(seed, own, models, added):
     np.testing.assert_allclose(predicted(sums), errors(base), rtol=1e-8)
     for m in range(models):
         whole = np.hstack([base, more[:, m]])
-        gains = 0.5 * sums.count * np.log(errors(base) / errors(whole))
+        gains = 0.5 * sums.count * np.log(errors(base) / errors(whole, expected[m]))
         assert gain.mean[m] == pytest.approx(gains.sum(), rel=1e-6, abs=1e-8)
         assert gain.error[m] == pytest.approx(gains.std(ddof=1) * np.sqrt(blocks), rel=1e-6)
-        np.testing.assert_allclose(gain.coefficients[m], _refitted(target, whole, block, -1), atol=1e-9)
+        refitted = _refitted(target, whole, block, -1, expected[m])
+        np.testing.assert_allclose(gain.coefficients[m], refitted, atol=1e-9)
 
 
 @settings(max_examples=30, deadline=None)
@@ -415,6 +427,7 @@ def test_columns_that_are_the_same_share_what_they_explain_however_long_they_are
         np.zeros((6, 0, 1, 2)),
         np.array([[twins[p].T @ twins[p]] for p in parts]),
         np.array([[twins[p].T @ target[p]] for p in parts]),
+        np.zeros((1, 2)),
     )
     assert (length * found.coefficients[0]).sum() == pytest.approx(1.0, abs=0.05)
     assert found.mean[0] > 50

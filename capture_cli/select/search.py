@@ -496,7 +496,9 @@ class Attribution:
         """The support for `some` effects in `fit` over the model `without` them, each the best of all candidates, and
         how `fit` does on what judges.
         """
-        return self.models.support(without, fit, [self._candidate(a.name) for a in some], len(self.candidates))
+        return self.models.support(
+            without, fit, [self._candidate(a.name) for a in some], len(self.candidates)
+        )
 
     def _candidate(self, name: str) -> Candidate:
         return next(c for c in self.candidates if c.name == name)

@@ -23,10 +23,11 @@ class SETTINGS:
     periods: of a force that repeats. step: of an amplitude's range, at which a column is taken; far_steps: of effects
     that remember; same_way: the cosine of columns at the first and at the last step beyond which none is taken between.
     beyond_onset: of effects with a threshold, below which they do nothing, likewise: of the range from where they begin
-    to; and halvings: by which that is found. known: of its range, how large an amplitude may be beforehand, a standard
-    deviation: ranges are guesses, but within some times. largest: acceleration by a step, over the largest that the
-    model predicts: what is beyond it has run away. linear: of what an effect does, by which a step and its reverse may
-    differ to be one column. rounding: of the largest that the model predicts, below which a column is none.
+    to; and halvings: by which that is found; of_threshold: a standard deviation of such a column's coefficient about 1,
+    for the steps are some 1.6 to 2.6 times apart. known: of its range, how large an amplitude may be beforehand, a
+    standard deviation: ranges are guesses, but within some times. largest: acceleration by a step, over the largest
+    that the model predicts: what is beyond it has run away. linear: of what an effect does, by which a step and its
+    reverse may differ to be one column. rounding: of the largest that the model predicts, below which a column is none.
     """
 
     shapes: int = 6
@@ -39,6 +40,7 @@ class SETTINGS:
     same_way: float = 0.98
     beyond_onset: tuple[float, ...] = (0.03, 0.08, 0.16, 0.3, 0.5, 0.75)
     halvings: int = 5
+    of_threshold: float = 0.5
     known: float = 3.0
     largest: float = 1e3
     linear: float = 0.05
@@ -48,6 +50,7 @@ class SETTINGS:
 @dataclass(frozen=True)
 class Atom:
     """An effect at values (parameter,) of its nonlinear parameters, null in the others: one column for each amplitude.
+    Of one with a threshold a column is what the effect does there: its coefficient is about 1.
 
     amplitudes: which parameters those are; after their columns come those of `apart` amplitudes that other recordings
     have for themselves, which belong to no parameter. unit (amplitude,): what a coefficient of 1 is of each, in its
@@ -68,6 +71,11 @@ class Atom:
     def scale(self) -> np.ndarray:
         """How large a coefficient of each column may be beforehand, (column,)."""
         return np.resize(self.known, len(self.amplitudes) + self.apart)
+
+    @property
+    def expected(self) -> np.ndarray:
+        """The coefficient of each column beforehand, over how far from that it may be, (column,)."""
+        return self.placed.effect.has_threshold / self.scale
 
     def alone(self, columns: Sequence[Accelerations]) -> Iterator[tuple[Atom, list[Accelerations]]]:
         """Each amplitude by itself, the others null, where there are several and not every sign is allowed."""
@@ -174,6 +182,8 @@ def _usable(
             if ((point[own] + units < space.low[own]) | (point[own] + units > space.high[own])).any():
                 continue
             known = SETTINGS.known * space.span[own] / np.abs(units)
+            if placed.effect.has_threshold:
+                known = np.full(len(own), SETTINGS.of_threshold)
             owners.append(Atom(placed, point, amplitudes, units, known, share=share))
             values += [
                 point + np.eye(len(point))[i] * unit for i, unit in zip(amplitudes, units, strict=True)

@@ -55,17 +55,20 @@ class Sums:
         )
 
 
-def additions(base: Sums, across: np.ndarray, gram: np.ndarray, pull: np.ndarray) -> Gain:
+def additions(
+    base: Sums, across: np.ndarray, gram: np.ndarray, pull: np.ndarray, expected: np.ndarray
+) -> Gain:
     """Gains of models with columns added to those of `base`.
 
     across (block, column, model, added): products of the base's columns with each model's added ones; gram (block,
     model, added, added) and pull (block, model, added): products of these with each other and with the target.
+    expected (model, added): of the added coefficients, what they are about beforehand.
     """
     alone = predicted(base)
     errors = np.empty((len(base.count), pull.shape[1]))
     size = base.pull.shape[1]
     for b in range(len(base.count)):
-        found = _solved(base, across, gram, pull, leave=b)
+        found = _solved(base, across, gram, pull, expected, leave=b)
         first, added = found[:, :size], found[:, size:]
         errors[b] = (
             base.target[b]
@@ -76,7 +79,7 @@ def additions(base: Sums, across: np.ndarray, gram: np.ndarray, pull: np.ndarray
         )
     gains = 0.5 * base.count[:, None] * np.log(alone[:, None] / np.maximum(errors, SETTINGS.tiny))
     error = gains.std(axis=0, ddof=1) * np.sqrt(len(base.count))
-    return Gain(gains.sum(axis=0), error, _solved(base, across, gram, pull, leave=None))
+    return Gain(gains.sum(axis=0), error, _solved(base, across, gram, pull, expected, leave=None))
 
 
 def best_pairs(
@@ -129,7 +132,12 @@ def with_prior(gram: np.ndarray) -> np.ndarray:
 
 
 def _solved(
-    base: Sums, across: np.ndarray, gram: np.ndarray, pull: np.ndarray, leave: int | None
+    base: Sums,
+    across: np.ndarray,
+    gram: np.ndarray,
+    pull: np.ndarray,
+    expected: np.ndarray,
+    leave: int | None,
 ) -> np.ndarray:
     """Coefficients (model, column) fitted to all blocks but `leave`, those of added columns last."""
     keep = np.arange(len(base.count)) != leave if leave is not None else slice(None)
@@ -139,7 +147,7 @@ def _solved(
     inverse = np.linalg.inv(with_prior(own_gram))
     through = (inverse @ across.reshape(size, models * added)).reshape(size, models, added)
     left = with_prior(gram) - np.einsum("ima,imc->mac", across, through)
-    pulled = pull - np.einsum("ima,i->ma", through, own_pull)
+    pulled = pull + expected - np.einsum("ima,i->ma", through, own_pull)
     coefficients = np.linalg.solve(left, pulled[..., None])[..., 0]
     first = (inverse @ own_pull)[None] - np.einsum("ima,ma->mi", through, coefficients)
     return np.concatenate([first, coefficients], axis=1)

@@ -589,6 +589,7 @@ class Screening:
                     np.array([(own[p].T @ white[p]).reshape(-1, len(some), size) for p in blocks]),
                     np.array([np.einsum("rma,rmc->mac", each[p], each[p]) for p in blocks]),
                     np.array([(target[p] @ white[p]).reshape(len(some), size) for p in blocks]),
+                    np.array([self.atoms[n].expected for n in some]),
                 )
                 for k, number in enumerate(some):
                     atom, coefficients = self.atoms[number], gain.coefficients[k]
