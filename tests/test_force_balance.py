@@ -210,4 +210,4 @@ def test_turning_points_are_no_rest():
 def test_points_are_as_dense_as_the_motion_turns():
     own = made("slider")
     cutoff = max(s[0].cutoff for s in own.smoothed.series.values())
-    assert np.pi / cutoff / 6 < own.balance.interval <= np.pi / cutoff / 3
+    assert np.pi / cutoff / 6 < own.balance.points.interval <= np.pi / cutoff / 3

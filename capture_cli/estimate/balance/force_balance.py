@@ -19,19 +19,20 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from itertools import pairwise
 
 import mujoco
 import numpy as np
 from mujoco import batch
-from scipy.interpolate import CubicSpline
 
 from capture_cli.common.frozen import frozen
 from capture_cli.common.processes import own_threads
 from capture_cli.estimate.balance.actuation import NUMBERS, Actuation
+from capture_cli.estimate.balance.arriving_controls import ArrivingControls
 from capture_cli.estimate.balance.dry_friction import dry_friction
 from capture_cli.estimate.balance.motion import SmoothedLog
+from capture_cli.estimate.balance.points import Points
 from capture_cli.estimate.balance.recorded_world import AT_JOINTS, OF_INERTIA, RecordedWorld
+from capture_cli.estimate.balance.reported_motion import ReportedMotion
 from capture_cli.estimate.balance.resting import mass_matrix
 from capture_cli.estimate.balance.trees import (
     AtPoints,
@@ -41,12 +42,10 @@ from capture_cli.estimate.balance.trees import (
     times,
     trees,
 )
-from capture_cli.log.input_sequences import Hold, LoggedInputs
-from capture_cli.log.windows import SETTINGS as WINDOWS
-from capture_cli.model.effects._actuator_effect import ActuatorEffect
+from capture_cli.log.input_sequences import Hold
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._periodic_force import PeriodicForce
-from capture_cli.model.effects.base import Effect
+from capture_cli.model.effects.base import AtValues, Effect
 from capture_cli.model.fields import ModelFields, model_field
 from capture_cli.model.mujoco_warnings import silence_mujoco
 from capture_cli.model.world import APPLIED, World
@@ -80,7 +79,6 @@ _NO_STOPS = _DISABLE.mjDSBL_FRICTIONLOSS | _DISABLE.mjDSBL_LIMIT | _DISABLE.mjDS
 _OF_IMPACTS = ("geom_size", "geom_solref", "geom_solimp", "pair_solref", "pair_solimp")
 _OF_FRICTION = ("dof_frictionloss", "dof_damping", "dof_solref", "dof_solimp", "dof_invweight0")
 _OF_ACTUATORS = ("actuator_gear", *NUMBERS)
-AtValues = tuple[Effect, np.ndarray]  # an effect, and its values (parameter,)
 
 
 @dataclass(frozen=True)
@@ -95,31 +93,6 @@ class Accelerations:
 
     def __truediv__(self, by: float) -> Accelerations:
         return Accelerations(self.measured / by, self.predicted / by)
-
-
-@dataclass(frozen=True)
-class Points:
-    """Where forces are worked out. part (point,): of which stretch; step (point,): of the log; time (point,): s, by
-    the clock of simulations; since (point,): s, since the stretch began; elapsed (point,): s, since its episode did.
-    """
-
-    part: np.ndarray
-    step: np.ndarray
-    time: np.ndarray
-    since: np.ndarray
-    elapsed: np.ndarray
-
-    @classmethod
-    def of(cls, smoothed: SmoothedLog) -> Points:
-        steps = [smoothed.steps(n) for n in range(len(smoothed.parts))]
-        part = np.repeat(np.arange(len(steps)), [len(s) for s in steps])
-        step, time = np.concatenate(steps), smoothed.log.time
-        first = np.array([p.start for p in smoothed.parts])
-        since, elapsed = time[step] - time[first[part]], time[step] - time[smoothed.episode_start[part]]
-        return cls(part, step, time[step] - time[0], since, elapsed)
-
-    def __len__(self) -> int:
-        return len(self.step)
 
 
 @dataclass(frozen=True)
@@ -177,13 +150,15 @@ class ForceBalance:
         self.model.pair_margin[:] += SETTINGS.touches * self.model.stat.extent
         self.points = Points.of(smoothed)
         reporting = self._acting("measurement")
-        self.late = self._lateness(reporting)
-        self.numbers = self._numbers(self.late)
-        self.state = smoothed.states(self._true(self.numbers, reporting), self.points.step)
+        self.reports = ReportedMotion(smoothed, self.points, lambda: self.actuator_force)
+        self.late = self.reports.lateness(reporting)
+        self.numbers = self.reports.numbers(self.late)
+        self.state = smoothed.states(self.reports.true(self.numbers, reporting), self.points.step)
         self.speed_sd = smoothed.sd(1)
         self.at_rest = self._at_rest()
         self.unknown = self._unknown()
-        self.controls = self._controls()
+        self.arriving = ArrivingControls(smoothed, self.points)
+        self.controls = self.arriving.behind([self._acting("control")])[0]
 
     # --- what acts ---
 
@@ -215,7 +190,7 @@ class ForceBalance:
         if effect.place == "model":
             return [self._of_written(self._with(effect, v)) for v in values]
         if effect.place == "control":
-            return self._of_controls(self._driven([self._with(effect, v) for v in values]))
+            return self._of_controls(self.arriving.behind([self._with(effect, v) for v in values]))
         if effect.place == "measurement":
             return [self._of_report(effect, v) for v in values]
         return self._of_followed(effect, values) if _remembers(effect) else self._of_force(effect, values)
@@ -303,111 +278,6 @@ class ForceBalance:
             effect.write(fields, values[None])
         return any(name in _OF_IMPACTS for name in fields.values)
 
-    def _numbers(self, late: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
-        """Outputs with slope and curvature, (point, 3, output), each `late` s after (point, output). known: the same at
-        `self.late`, whose columns stay where an output is no later.
-        """
-        found = np.zeros((len(self.points), 3, late.shape[1])) if known is None else known.copy()
-        time = self.smoothed.log.time[self.points.step]
-        for column, series in self.smoothed.series.items():
-            if known is not None and np.array_equal(late[:, column], self.late[:, column]):
-                continue
-            for own, part in zip(self._own_points, series, strict=True):
-                at = time[own] + late[own, column]
-                for derivative in range(3):
-                    found[own, derivative, column] = part.at(at, derivative)
-        return found
-
-    def _controls(self) -> np.ndarray:
-        """ctrl (point, nu) as the actuators receive it, the mean about each point."""
-        return self._driven([self._acting("control")])[0]
-
-    def _driven(self, driving: Sequence[Sequence[AtValues]]) -> np.ndarray:
-        """ctrl (variant, point, nu) with the same effects on it, in each variant at other values."""
-        found = np.repeat(self._commanded[None], len(driving), axis=0)
-        columns = _driven_columns([effect for effect, _ in driving[0]], self.model.nu)
-        if not columns.size:
-            return found
-        time, step = self.smoothed.log.time, self.smoothed.task.timestep
-
-        def drive(controls: np.ndarray, part: np.ndarray, variant: np.ndarray) -> np.ndarray:
-            first = self._sequence_steps[part]
-            elapsed = time[first] - time[self.smoothed.episode_start[part]]
-            for same in zip(*driving, strict=True):
-                values = np.stack([v for _, v in same])[variant]
-                effect = same[0][0]
-                own = effect.among(columns) if isinstance(effect, ActuatorEffect) else effect
-                controls = own.drive(controls, values, step, elapsed=elapsed, first=first)
-            return controls
-
-        found[..., columns] = self._averaged(drive, len(driving), columns)
-        return found
-
-    @cached_property
-    def _commanded(self) -> np.ndarray:
-        """ctrl (point, nu) as it is sent, the mean about each point."""
-        return self._averaged(lambda controls, *_: controls, 1, np.arange(self.model.nu))[0]
-
-    @cached_property
-    def _sequence_steps(self) -> np.ndarray:
-        """The step of the log from which controls are followed to each stretch, (stretch,): earlier ones still act."""
-        time, found = self.smoothed.log.time, []
-        for part, episode in zip(self.smoothed.parts, self.smoothed.episode_start, strict=True):
-            found.append(
-                max(episode, int(np.searchsorted(time[: part.start], time[part.start] - WINDOWS.lead)))
-            )
-        return np.array(found)
-
-    @cached_property
-    def _sequences(self) -> tuple[np.ndarray, np.ndarray]:
-        """Controls (stretch, grid, nu) on the model's grid, and its time, s."""
-        task, log = self.smoothed.task, self.smoothed.log
-        spans = [
-            slice(int(a), p.stop) for a, p in zip(self._sequence_steps, self.smoothed.parts, strict=True)
-        ]
-        longest = max(log.time[s.stop - 1] - log.time[s.start] for s in spans)
-        grid = np.arange(int(np.ceil(longest / task.timestep)) + 2) * task.timestep
-        found = []
-        for span in spans:
-            time = log.time[span] - log.time[span.start]
-            inputs = LoggedInputs(time, log.inputs[span], task.timestep, task.holds).at(grid)
-            found.append(task.controls(inputs[None])[0])
-        return np.array(found), grid
-
-    def _averaged(self, drive: Callable, variants: int, columns: np.ndarray) -> np.ndarray:
-        """Means of the `columns` of ctrl about the points, (variant, point, column).
-
-        A step of the model takes its control for the acceleration in the middle of it: q(t+h) - 2 q(t) + q(t-h) is
-        h^2 a(t), so that what is held from t to t + h acts as if it were held from t - h / 2 to t + h / 2.
-        """
-        task, parts = self.smoothed.task, len(self.smoothed.parts)
-        found = np.zeros((variants, len(self.points), len(columns)))
-        if not task.inputs:
-            return found
-        sequences, grid = self._sequences
-        step = grid[1] - grid[0]
-        variant, part = (i.ravel() for i in np.indices((variants, parts)))
-        controls = drive(sequences[..., columns][part], part, variant)
-        edges = np.append(grid, grid[-1] + step) - task.timestep / 2
-        total = np.cumsum(np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1), axis=1) * step
-        half = self.interval / 2
-        for n in range(parts):
-            own = self.points.part == n
-            at = self.points.time[own] - (
-                self.smoothed.log.time[self._sequence_steps[n]] - self.smoothed.log.time[0]
-            )
-            low, high = np.clip(at - half, edges[0], edges[-1]), np.clip(at + half, edges[0], edges[-1])
-            sums = total[n::parts]  # of each variant
-            whole = _between(high, edges, sums) - _between(low, edges, sums)
-            found[:, own] = whole / (high - low)[:, None]
-        return found
-
-    @cached_property
-    def interval(self) -> float:
-        """s, between points."""
-        same = np.diff(self.points.part) == 0
-        return float(np.median(np.diff(self.points.time)[same]))
-
     def _of_report(self, effect: Effect, values: np.ndarray) -> Accelerations:
         """Change of the balance where the sensors report what they do through an effect at `values` (parameter,).
 
@@ -415,100 +285,28 @@ class ForceBalance:
         proportion "no motion at all" is no solution. Velocities are as measured, however much later: by the predicted
         acceleration a damped joint's rows would shrink, all noise in them, too.
         """
-        reporting = self._with(effect, values)
-        late, step = self._lateness(reporting), self.points.step
-        numbers = self._numbers(late, self.numbers)
-        qpos, qvel, _ = self.smoothed.states(self._true(numbers, reporting), step)
-        predicted = self._with_predicted(numbers, late)
-        acceleration = self.smoothed.states(self._true(predicted, reporting), step)[2]
+        reporting, reports, step = self._with(effect, values), self.reports, self.points.step
+        late = reports.lateness(reporting)
+        numbers = reports.numbers(late, known=(self.late, self.numbers))
+        qpos, qvel, _ = self.smoothed.states(reports.true(numbers, reporting), step)
+        predicted = reports.with_curvatures(numbers, late - self.late, self.predicted_smooth)
+        acceleration = self.smoothed.states(reports.true(predicted, reporting), step)[2]
         predicted = self._forces(state=(qpos, qvel, self.state[2])).predicted
         return Accelerations(acceleration - self._instrumented, predicted - self.null.predicted)
 
     @cached_property
     def _instrumented(self) -> np.ndarray:
         """The acceleration where the predicted one stands for the measured one, (point, nv)."""
-        true = self._true(self._with_predicted(self.numbers, self.late), self._acting("measurement"))
+        predicted = self.reports.with_curvatures(
+            self.numbers, np.zeros_like(self.late), self.predicted_smooth
+        )
+        true = self.reports.true(predicted, self._acting("measurement"))
         return self.smoothed.states(true, self.points.step)[2]
-
-    def _lateness(self, reporting: Sequence[AtValues]) -> np.ndarray:
-        """How late outputs are reported, s, (point, output)."""
-        task, count = self.smoothed.task, len(self.points)
-        late = np.zeros((count, len(task.outputs)))
-        for effect, values in reporting:
-            each = np.repeat(values[None], count, axis=0)
-            own = np.zeros((count, task.model.nsensordata)) + effect.lateness(each, self.points.elapsed)
-            late += own[:, [c.index for c in task.outputs]]
-            late -= np.reshape(effect.drift(each, self.points.elapsed), (-1, 1))
-        return late
-
-    def _true(self, numbers: np.ndarray, reporting: Sequence[AtValues]) -> np.ndarray:
-        """Outputs with slopes and curvatures as they truly are, (point, 3, output), of `numbers` as they are reported
-        when that is in time. Of an effect that does not say what becomes of the curvature it is the slope of its slope.
-        """
-        task, count = self.smoothed.task, len(self.points)
-        columns = [c.index for c in task.outputs]
-        for effect, values in reversed(reporting):
-            each = np.repeat(values[None], count, axis=0)
-            before = numbers
-            reported = np.zeros((count, 3, task.model.nsensordata))
-            reported[..., columns] = before
-            reported[:, 0] -= self._picked_up(effect, each)
-            numbers = effect.true_motion(reported, each, self.points.elapsed)[..., columns]
-            for told, found in ((0, 1), (1, 2)):
-                moved = (numbers[:, told] != before[:, told]).any(axis=0)
-                for column in np.flatnonzero(moved & (numbers[:, found] == before[:, found]).all(axis=0)):
-                    numbers[:, found, column] += self._slope(
-                        numbers[:, told, column] - before[:, told, column]
-                    )
-        return numbers
-
-    def _picked_up(self, effect: Effect, each: np.ndarray) -> np.ndarray:
-        """What sensors show of the forces of actuators, behind the filter of the smoothed motion, (point, column)."""
-        if not effect.reads_actuators:
-            return np.zeros(self.smoothed.task.model.nsensordata)
-        none = np.zeros((len(self.points), 1, self.smoothed.task.model.nsensordata))
-        shown = effect.pick_up(none.copy(), each, self.actuator_force[:, None])[:, 0]
-        if not shown.any():
-            return shown
-        series = next(iter(self.smoothed.series.values()))
-        for n, own in enumerate(self._own_points):
-            at = self.smoothed.log.time[self.points.step[own]]
-            shown[own] = series[n].filtered(shown[own], at)
-        return shown
 
     @cached_property
     def predicted_smooth(self) -> np.ndarray:
         """The predicted acceleration behind the filter that the measured one went through, (point, nv)."""
         return self.smoothed.filtered(self.null.predicted, self.points.part, self.points.step)
-
-    def _with_predicted(self, numbers: np.ndarray, late: np.ndarray) -> np.ndarray:
-        """`numbers` (point, 3, output), each `late` s later (point, output), with curvatures as predicted."""
-        numbers, later = numbers.copy(), late - self.late
-        for source in self.smoothed.sources:
-            if source.weights is not None:
-                continue
-            for column, dof in zip(source.columns, source.dofs, strict=True):
-                if not later[:, column].any():
-                    numbers[:, 2, column] = self.predicted_smooth[:, dof]
-                    continue
-                for own in self._own_points:
-                    at = self.points.since[own]
-                    spline = CubicSpline(at, self.predicted_smooth[own, dof])
-                    numbers[own, 2, column] = spline(at + later[own, column])
-        return numbers
-
-    @cached_property
-    def _own_points(self) -> list[slice]:
-        """The points of each stretch."""
-        ends = np.searchsorted(self.points.part, np.arange(len(self.smoothed.parts) + 1))
-        return [slice(a, b) for a, b in pairwise(ends)]
-
-    def _slope(self, series: np.ndarray) -> np.ndarray:
-        """Derivative of a series (point,) over the time of each stretch."""
-        slope = np.empty_like(series)
-        for own in self._own_points:
-            slope[own] = CubicSpline(self.points.since[own], series[own])(self.points.since[own], nu=1)
-        return slope
 
     @cached_property
     def inverse_inertia(self) -> np.ndarray:
@@ -685,10 +483,10 @@ class ForceBalance:
     def _at_rest(self) -> np.ndarray:
         """Where a coordinate is at rest for longer than a turn of the motion takes, (point, nv)."""
         cutoff = max(s[0].cutoff for s in self.smoothed.series.values())
-        shortest = max(int(np.ceil(SETTINGS.resting * np.pi / cutoff / self.interval)), 2)
+        shortest = max(int(np.ceil(SETTINGS.resting * np.pi / cutoff / self.points.interval)), 2)
         slow = np.abs(self.state[1]) < SETTINGS.none * self.speed_sd
         found = np.zeros_like(slow)
-        for own in self._own_points:
+        for own in self.points.stretches:
             for dof in range(self.model.nv):
                 edges = np.flatnonzero(
                     np.diff(np.concatenate([[False], slow[own, dof], [False]]).astype(int))
@@ -701,7 +499,7 @@ class ForceBalance:
     def _unknown(self) -> np.ndarray:
         """Where what is true is reported before or after the stretch, (point,)."""
         found, time = np.zeros(len(self.points), dtype=bool), self.smoothed.log.time
-        for own, part in zip(self._own_points, self.smoothed.parts, strict=True):
+        for own, part in zip(self.points.stretches, self.smoothed.parts, strict=True):
             at = self.points.since[own, None] + self.late[own]
             found[own] = ((at < 0) | (at > time[part.stop - 1] - time[part.start])).any(axis=1)
         return found
@@ -825,23 +623,26 @@ class ForceBalance:
     def _of_followed(self, effect: Effect, values: np.ndarray) -> list[Accelerations]:
         """Of forces that remember: they are led along the motion, all stretches and variants side by side."""
         parts, variants = len(self.smoothed.parts), len(values)
-        longest = max(own.stop - own.start for own in self._own_points)
+        longest = max(own.stop - own.start for own in self.points.stretches)
         index = np.array(
-            [np.minimum(np.arange(own.start, own.start + longest), own.stop - 1) for own in self._own_points]
+            [
+                np.minimum(np.arange(own.start, own.start + longest), own.stop - 1)
+                for own in self.points.stretches
+            ]
         )
         index = np.tile(index, (variants, 1))  # (variant and part, point)
 
         def force() -> Callable:
             return effect.force(
                 np.repeat(values, parts, axis=0),
-                self.interval,
+                self.points.interval,
                 first=self.points.step[index[:, 0]],
                 began=(self.points.time - self.points.elapsed)[index[:, 0]],
             )
 
         led = self._led_along(force, index)
         changes = np.zeros((variants, len(self.points), self.model.nv))
-        for part, own in enumerate(self._own_points):
+        for part, own in enumerate(self.points.stretches):
             changes[:, own] = led[: own.stop - own.start, part::parts].swapaxes(0, 1)
         return [Accelerations(np.zeros_like(self.state[1]), c) for c in changes]
 
@@ -1001,20 +802,6 @@ class ForceBalance:
         free, pushed = self._null.free, self._null.pushed
         columns = [self._resting(free, pushed, inverse[..., dof]) for dof in range(self.model.nv)]
         return np.stack(columns, axis=-1)
-
-
-def _between(at: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (variant, grid, column) at points between (point,): as np.interp of each, all at once."""
-    before = np.clip(np.searchsorted(grid, at, side="right") - 1, 0, len(grid) - 2)
-    slope = (values[:, before + 1] - values[:, before]) / (grid[before + 1] - grid[before])[:, None]
-    return slope * (at - grid[before])[:, None] + values[:, before]
-
-
-def _driven_columns(effects: Sequence[Effect], count: int) -> np.ndarray:
-    """The columns of ctrl, of so many, that effects on controls read or change; all, where they do not say."""
-    if not all(isinstance(e, ActuatorEffect) for e in effects):
-        return np.arange(count)
-    return np.unique(np.concatenate([np.zeros(0, dtype=int), *(e.columns for e in effects)]))
 
 
 def _remembers(effect: Effect) -> bool:

@@ -78,9 +78,7 @@ class Whitening:
         smoothed, points = balance.smoothed, balance.points
         self.dofs = smoothed.dofs
         cutoff = max(s[0].cutoff for s in smoothed.series.values())
-        spacing = max(
-            np.pi / cutoff, 2 * balance.interval, len(points) * balance.interval / settings.most_rows
-        )
+        spacing = max(np.pi / cutoff, 2 * points.interval, len(points) * points.interval / settings.most_rows)
         self.averages = [
             self._averages(points.since[points.part == n], spacing) for n in range(len(smoothed.parts))
         ]

@@ -467,3 +467,6 @@ def spread(parameter: Parameter, count: int) -> np.ndarray:
 def raised(own: np.ndarray, change: np.ndarray) -> np.ndarray:
     """own + change, kept from passing below zero: friction and damping never drive."""
     return np.maximum(own + change, np.minimum(own, 0.0))
+
+
+AtValues = tuple[Effect, np.ndarray]  # an effect, and its values (parameter,)
