@@ -115,6 +115,21 @@ def test_effects_of_impacts_are_left_to_simulations(puck):
     assert puck.screening(few).covered == friction
 
 
+def test_sensors_are_asked_of_simulations_too_where_bodies_hit(puck):
+    """A frame that is turned bends no straight path: what shows it is where the wall is."""
+    names = {"sensor-frame-rotation@x+y", "sensor-scale@x", "control-gain@push", "coulomb-friction@x"}
+    few = [p for p in puck.placed if p.name in names]
+    screening = puck.screening(few)
+    assert {p.kind for p in few if p.name in screening.covered - screening.decided} == {
+        "sensor-frame-rotation",
+        "sensor-scale",
+    }
+    assert "coulomb-friction@x" in screening.decided
+    slider = Made.of("slider", episodes=2)
+    own = slider.screening([p for p in slider.placed if p.kind == "sensor-scale"])
+    assert own.covered and own.decided == own.covered
+
+
 def test_friction_of_a_geom_that_has_less_than_its_partner_does_nothing_at_first(puck):
     thresholds = {p.name: p.effect.has_threshold for p in puck.placed if p.kind == "contact-friction"}
     assert thresholds["contact-friction@puck"] and not thresholds["contact-friction@table"]

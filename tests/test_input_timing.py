@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import pytest
 from balances import Made
 from case_logs import log_of
@@ -26,7 +27,8 @@ from capture_cli.model.tasks.base import Task
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select import input_readings
 from capture_cli.select.candidates import all_candidates
-from capture_cli.select.input_readings import timings_with_effects
+from capture_cli.select.input_readings import held_instead, timings_with_effects
+from capture_cli.select.search import Accepted
 from capture_cli.select.time_limit import TimeLimit
 from capture_cli.stages.diagnose import _prepared
 from capture_cli.stages.log_to_fit import LogToFit
@@ -223,6 +225,20 @@ def test_inputs_are_held_where_a_balance_that_leaves_more_than_noise_says_otherw
     )
     assert {t.hold for t in found} == {HELD}
     assert set(screening.balance.smoothed.task.holds) == {HELD}
+
+
+@pytest.mark.parametrize(("late", "held"), [((), True), ((0.05,), False)])
+def test_inputs_are_held_after_all_where_what_was_found_explains_that_with_nothing_on_controls(late, held):
+    """A clock that is off looks like commands that act early, which a delay then undoes; one that is there stays."""
+    names = "sensor-clock-rate", "control-delay@drive"
+    case = Case(PLANTED, "cart_pole", names[: 1 + len(late)], 3.0, 1587229418)
+    task, log = log_of(case, 0.2066, *late)
+    evenly, as_held = (prepare(log, task.with_holds([h]), **QUIET) for h in (Hold(np.inf, -0.007), HELD))
+    clock, delay = (next(c.placed for c in all_candidates(evenly) if c.name == name) for name in names)
+    last = ModelFits(evenly, 1).fit(evenly, [clock, delay], np.append(task.space.nominal, [0.0, 0.02]))
+    both = [Accepted(placed, None, [], None, 0.5) for placed in (clock, delay)]
+    assert (held_instead(both, last, lambda: as_held, 1) is as_held) == held
+    assert held_instead(both[:1], last, lambda: as_held, 1) is None
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -20,6 +20,7 @@ from capture_cli.estimate.balance.screening import BalancedModel, Screening
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.model_fits import USUAL, Effort, ModelFits
+from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 from capture_cli.model.effects.placed import names_of
@@ -31,6 +32,7 @@ from capture_cli.select.log_parts import SETTINGS as LOG_PARTS
 from capture_cli.select.log_parts import LogParts
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import chance, gain_by_bic
+from capture_cli.select.search import Accepted
 
 NARROW = BeamSettings(width=2, branches=2, pairs=4)
 PreparedAs = Callable[[Task], PreparedLog]
@@ -51,11 +53,11 @@ class Reading:
         return replace(self, hold=hold, screening=own, model=own.best())
 
     def _screening_as(self, hold: Hold) -> Screening:
-        return self.screening.read_as(_read(self.unread, hold).holds)
+        return self.screening.read_as(read_as(self.unread, hold).holds)
 
     @property
     def task(self) -> Task:
-        return _read(self.unread, self.hold)
+        return read_as(self.unread, self.hold)
 
     @property
     def declared(self) -> BalancedModel:
@@ -139,7 +141,7 @@ def timings_with_effects(
     leave something. prepared_as: makes the log ready for another task. on_work is called before what takes long, which
     it may end by raising; on_step is told what is being tried, the number of it, and of how many.
     """
-    log = replace(prepared, task=_read(prepared.task, HELD))
+    log = replace(prepared, task=read_as(prepared.task, HELD))
 
     def step(what: str, number: int, total: int) -> None:
         on_work()
@@ -180,6 +182,30 @@ def timings_with_effects(
     return tuple(
         InputTiming(name, best.hold, gain, error, best.model.beyond_noise) for name in unread
     ), best.screening
+
+
+def held_instead(
+    accepted: Sequence[Accepted], last: Fit, as_held: Callable[[], PreparedLog], threads: int | None
+) -> PreparedLog | None:
+    """The log with inputs that are held, where the `last` model explains it so without its effects on controls; None
+    where it does not, or has none. The declared model alone may take another reading for what is missing, and an effect
+    on controls then undoes that.
+
+    accepted: the effects of the model, which was found in another reading, which the log told. as_held: makes the log
+    ready.
+    """
+    rest = [a.placed for a in accepted if not _may_act_on_controls(a)]
+    if len(rest) == len(accepted):
+        return None
+    held = as_held()
+    own = [last.point[last.columns(e.name)] for e in rest]
+    start = np.concatenate([last.point[: len(held.task.space)], *own])
+    fit = ModelFits(held, threads).fit(_some_to_fit(held), rest, start)
+    return held if fit is not None and not lack_of_fit(fit.at).lacking else None
+
+
+def _may_act_on_controls(accepted: Accepted) -> bool:
+    return any(p.effect.place == "control" for p in (accepted.placed, *(c.placed for c in accepted.tied)))
 
 
 def _changing(told: Collection[Hold]) -> Hold:
@@ -242,7 +268,7 @@ def _likeliest_fit(fits: Sequence[tuple[Reading, Fit]]) -> tuple[Reading, Fit]:
     return max(fits, key=lambda pair: gain_by_bic(first, pair[1]))
 
 
-def _read(unread: Task, hold: Hold) -> Task:
+def read_as(unread: Task, hold: Hold) -> Task:
     """The task with all inputs acting alike of which it does not say how they act."""
     return unread.with_holds(c.hold or hold for c in unread.inputs)
 
@@ -300,6 +326,10 @@ def _fit(
     """The model fitted by simulations of the log `prepared` in that reading."""
     fits = ModelFits(prepared, threads)
     fits.engine.on_work = reading.screening.on_work
+    return fits.fit(_some_to_fit(prepared), model.effects, model.start, effort=effort)
+
+
+def _some_to_fit(prepared: PreparedLog) -> PreparedLog:
+    """Of the windows that are not held out as many as a search fits, evenly spread."""
     windows = np.flatnonzero(~prepared.split.is_test)
-    part = prepared.part(windows[evenly_spread(len(windows), LOG_PARTS.fitted)])
-    return fits.fit(part, model.effects, model.start, effort=effort)
+    return prepared.part(windows[evenly_spread(len(windows), LOG_PARTS.fitted)])

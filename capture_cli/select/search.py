@@ -208,7 +208,7 @@ class Attribution:
             additions = screening.additions(current.effects, current.values, most)
             if additions and additions[0].is_sure(tried):
                 return True
-            uncovered = [c for c in uncovered if c.name not in screening.covered]
+            uncovered = [c for c in uncovered if c.name not in screening.decided]
             uncovered = [c for c in uncovered if not acts_unshown(screening.balance, c.placed.effect)]
         names = {a.placed.name for a in additions[: SETTINGS.likeliest]} | {c.name for c in uncovered}
         self._told = self._sure_by_simulation(current, names, tried)
@@ -424,7 +424,7 @@ class Attribution:
         everything.
         """
         screening = self.models.screening(self._step)
-        covered = frozenset() if screening is None else screening.covered - {c.name for c in likeliest}
+        covered = frozenset() if screening is None else screening.decided - {c.name for c in likeliest}
         first = not (self.accepted or rival)
         if covered or not first:
             asked = self._asked_again([c for c in self._outside if c.name not in covered], current)
@@ -575,7 +575,7 @@ class Attribution:
         if without is None or screening is None or accepted.name not in screening.covered:
             return
         mine = replace(self._candidate(accepted.name))
-        asked = {r.name for r in accepted.rivals} | screening.covered
+        asked = {r.name for r in accepted.rivals} | screening.decided
         others = [replace(c) for c in self._outside if c.name not in asked]
         Scores(self.models, without, self._step).score([mine, *others])
         ranked = by_score(others)

@@ -1,6 +1,6 @@
 """`capture diagnose`: what the model lacks, traced to an effect, added, and the error before and after."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,11 +15,12 @@ from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import EarlierSplit
 from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
+from capture_cli.log.input_sequences import HELD
 from capture_cli.options.base import takes_options
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings, explain
-from capture_cli.select.input_readings import timings_with_effects
+from capture_cli.select.input_readings import held_instead, read_as, timings_with_effects
 from capture_cli.select.time_limit import TimeLimit
 from capture_cli.stages.documents.diagnosis_document import diagnosis_of
 from capture_cli.stages.log_to_fit import LogToFit, read_log
@@ -73,7 +74,10 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
         with Progress("diagnose", "model", quiet=options.quiet) as progress:
             progress.doing("making the log ready")
             prepared = _prepared(to_fit, held_out, limit, progress)
-            diagnosis = diagnose_prepared(prepared, nominal, settings, progress)
+            as_held = None
+            if any(t.hold != HELD for t in prepared.input_timings):
+                as_held = partial(to_fit.prepared, held_out, read_as(to_fit.task, HELD))
+            diagnosis = diagnose_prepared(prepared, nominal, settings, progress, as_held)
         diagnosis.write(folder)
         _write_pages(diagnosis, folder, provenance)
         provenance.write(folder)
@@ -113,11 +117,16 @@ def _prepared(
 
 
 def diagnose_prepared(
-    prepared: PreparedLog, nominal: np.ndarray, settings: Settings, progress: Progress
+    prepared: PreparedLog,
+    nominal: np.ndarray,
+    settings: Settings,
+    progress: Progress,
+    as_held: Callable[[], PreparedLog] | None = None,
 ) -> Diagnosis:
     """What `diagnose` finds in a log that was made ready, from the values `nominal` (parameter,) of its task.
 
-    Raises FitError; Interrupted, which names what was found until then, and how to go on.
+    as_held: makes it ready with inputs that are held, where the log told that they are not. Raises FitError;
+    Interrupted, which names what was found until then, and how to go on.
     """
     last: list[str] = []
 
@@ -132,7 +141,14 @@ def diagnose_prepared(
 
     progress.of("", "fitting the declared model")
     try:
-        return diagnosis_of(explain(prepared, nominal, settings, tell), settings.threads)
+        found = explain(prepared, nominal, settings, tell)
+        held = None
+        if as_held is not None and not found.out_of_time:
+            held = held_instead(found.accepted, found.after.fit, as_held, settings.threads)
+        if held is not None:
+            again = explain(held, nominal, settings, tell)
+            found = replace(again, rollouts=found.rollouts + again.rollouts)
+        return diagnosis_of(found, settings.threads)
     except KeyboardInterrupt:
         raise _interrupted(last, settings) from None
 

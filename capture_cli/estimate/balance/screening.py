@@ -155,6 +155,15 @@ class Screening:
         self.columns = self._dictionary(placed, on_step)
         self.covered = frozenset(a.placed.name for a in self.atoms)
 
+    @property
+    def decided(self) -> frozenset[str]:
+        """Of the effects that are `covered`, those that simulations need not be asked of, too: none on sensors where
+        bodies hit. Impacts are left out of the balance, and they tell where a body is.
+        """
+        if not self.balance.smoothed.hits:
+            return self.covered
+        return self.covered - {p.name for p in self.placed if p.effect.place == "measurement"}
+
     @classmethod
     def of(
         cls,
