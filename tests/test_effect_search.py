@@ -236,6 +236,33 @@ def test_an_effect_is_dropped_that_led_out_of_a_poor_minimum(attribution, monkey
     assert len(selection.accepted) == kept
 
 
+@pytest.mark.parametrize(("together", "kept"), [(1.0, ["coulomb"]), (12.0, ["coulomb", "constant"])])
+def test_effects_are_dropped_together_as_far_as_nothing_speaks_for_them_together(
+    attribution, monkeypatch, together, kept
+):
+    """Of a bias and hysteresis each alone has nothing to do; of two that stand in for each other one has to stay."""
+    needed, bias, hysteresis = (of_slider(EFFECTS[key]) for key in (("model", 1), ("force", 1), ("force", 2)))
+    every = (needed, bias, hysteresis)
+    selection = attribution(every)
+    left = {
+        every: 1.0,
+        (needed, hysteresis): 1.0001,
+        (needed, bias): 1.0002,
+        (needed,): together,
+        (bias, hysteresis): 12.0,
+        (bias,): 12.0,
+        (): 12.0,
+    }
+    fits = {effects: fit_leaving(squares * SAMPLES, *effects) for effects, squares in left.items()}
+    for fit in fits.values():
+        selection.models.know(fit)
+    selection.accepted = [Accepted(effect, None, [], None, 0.3) for effect in every]
+    monkeypatch.setattr(selection.models, "judge", lambda _: None)
+    last = selection._backward(fits[every])
+    assert [a.placed.kind.split("-")[0] for a in selection.accepted] == kept
+    assert [e.kind.split("-")[0] for e in last.effects] == kept
+
+
 @pytest.mark.parametrize(
     ("shares", "error", "kept"),
     [
