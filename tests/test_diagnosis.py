@@ -746,7 +746,7 @@ def test_an_existing_output_is_refused_before_any_work(logs, tmp_path):
     ],
 )
 def test_what_was_found_is_said_where_it_is_interrupted(logs, tmp_path, monkeypatch, found, said, hint):
-    def stop(prepared, nominal, settings, on_step):
+    def stop(prepared, nominal, settings, on_step, as_held):
         on_step("score", 0, 1, found)
         raise KeyboardInterrupt
 

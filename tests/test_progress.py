@@ -160,7 +160,7 @@ def test_diagnose_names_the_effect_that_is_looked_for(monkeypatch):
     """Effects at several places are one; where as many are found as may be, what follows is of none."""
     said = []
 
-    def explain(_prepared, _nominal, _settings, tell) -> None:
+    def explain(_prepared, _nominal, _settings, tell, _as_held) -> None:
         said.append(progress.said())
         for number, found in ((0, []), (0, ["drag@a", "drag@b"]), (1, ["drag@a", "drag@b", "hum@a"])):
             tell("score", number, 9, found)

@@ -35,6 +35,7 @@ from capture_cli.select.experiment.excitation_range import ExcitationRange
 from capture_cli.select.experiment.next_experiment import next_experiment
 from capture_cli.select.explanation import Explanation, Expression, JudgedModel
 from capture_cli.select.expression import expression_terms
+from capture_cli.select.input_readings import held_instead
 from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.select.minima import minima
 from capture_cli.select.model_comparison import ModelComparison, initial_states_found
@@ -61,12 +62,21 @@ class Settings:
     limit: TimeLimit = field(default_factory=TimeLimit)
 
 
-def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_step: OnStep) -> Explanation:
+def explain(
+    prepared: PreparedLog,
+    nominal: np.ndarray,
+    settings: Settings,
+    on_step: OnStep,
+    as_held: Callable[[], PreparedLog] | None = None,
+) -> Explanation:
     """What explains the log, from the values `nominal` (parameter,) of its task. Raises FitError.
 
     With the initial states that the actions say, where that explains what was fitted; else with free initial states, if
     less is left so. Where contacts follow, free initial states are worse: they make the error rough, and hide what
-    moves them. With a noise floor that has the outliers in it, where that is what the last model leaves.
+    moves them. With a noise floor that has the outliers in it, where that is what the last model leaves. With inputs
+    that are held, where the log told that they are not, and what was found explains it so.
+
+    as_held: makes the log ready with inputs that are held, where it told another reading.
     """
     rollouts = prepared.rollouts
     rollouts += check_parameters_move_outputs(prepared, seed=settings.seed, threads=settings.threads)
@@ -98,6 +108,10 @@ def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_s
             _, found = otherwise(
                 noisier, "a search with outliers in the noise floor", free=not begun.as_acted
             )
+    if as_held is not None and not found.out_of_time:
+        held = held_instead(found.accepted, found.after.fit, as_held, settings.threads)
+        if held is not None:
+            _, found = otherwise(held, "a search with inputs that are held", free=not begun.as_acted)
     return found
 
 

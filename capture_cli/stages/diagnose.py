@@ -1,7 +1,6 @@
 """`capture diagnose`: what the model lacks, traced to an effect, added, and the error before and after."""
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.training_state import check_recipe
-from capture_cli.errors import Interrupted, OutOfTime
+from capture_cli.errors import Interrupted
 from capture_cli.estimate.balance.input_timing import SETTINGS as INPUT_TIMING
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -21,8 +20,7 @@ from capture_cli.options.base import takes_options
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings, explain
-from capture_cli.select.explanation import Explanation
-from capture_cli.select.input_readings import held_instead, read_as, timings_with_effects
+from capture_cli.select.input_readings import read_as, timings_with_effects
 from capture_cli.select.time_limit import TimeLimit
 from capture_cli.stages.documents.diagnosis_document import diagnosis_of
 from capture_cli.stages.log_to_fit import LogToFit, read_log
@@ -143,24 +141,10 @@ def diagnose_prepared(
 
     progress.of("", "fitting the declared model")
     try:
-        found = explain(prepared, nominal, settings, tell)
-        held = None
-        if as_held is not None and not found.out_of_time:
-            held = held_instead(found.accepted, found.after.fit, as_held, settings.threads)
-        if held is not None:
-            found = _again(found, lambda: explain(held, nominal, settings, tell))
+        found = explain(prepared, nominal, settings, tell, as_held)
         return diagnosis_of(found, settings.threads)
     except KeyboardInterrupt:
         raise _interrupted(last, settings) from None
-
-
-def _again(found: Explanation, explain_held: Callable[[], Explanation]) -> Explanation:
-    """What explains the log with inputs that are held; what was `found` before where there is no time for it."""
-    with suppress(OutOfTime):
-        again = explain_held()
-        if not again.out_of_time:
-            return replace(again, rollouts=found.rollouts + again.rollouts)
-    return replace(found, left_out=(*found.left_out, "a search with inputs that are held"))
 
 
 def _interrupted(found: Sequence[str], settings: Settings) -> Interrupted:
