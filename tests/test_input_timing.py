@@ -51,7 +51,12 @@ QUIET = {"threads": 1}
 
 @pytest.mark.parametrize(
     ("machine", "dress", "commands"),
-    [("slider", "plain", 1), ("cart_pole", "half-rate", 2), ("slider", "quarter-rate", 4)],
+    [
+        ("slider", "plain", 1),
+        ("cart_pole", "half-rate", 2),
+        ("slider", "quarter-rate", 4),
+        ("pan_tilt", "quarter-rate", 4),  # parameters that held commands say are 10 % off
+    ],
 )
 def test_the_log_tells_how_many_commands_there_are_from_row_to_row(machine, dress, commands):
     task, log = log_of(Case(NOTHING, machine, (), 1.0, 5, dress=dress, episodes=4))

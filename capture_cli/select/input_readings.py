@@ -49,11 +49,11 @@ class Reading:
 
     def with_best(self, hold: Hold) -> Reading:
         """With the best model of one effect at most, its inputs acting so."""
-        own = self._screening_as(hold)
+        own = self._declared_as(hold)
         return replace(self, hold=hold, screening=own, model=own.best())
 
-    def _screening_as(self, hold: Hold) -> Screening:
-        return self.screening.read_as(read_as(self.unread, hold).holds)
+    def _declared_as(self, hold: Hold) -> Screening:
+        return self.screening.declared_as(read_as(self.unread, hold).holds)
 
     @property
     def task(self) -> Task:
@@ -76,6 +76,18 @@ class Reading:
     def is_surely_better_than(self, other: Reading) -> bool:
         return is_surely_better(other.model.likelihood, self.model.likelihood)
 
+    def likeliest(self) -> Reading:
+        """Of inputs that change between rows: the reading that predicts most, with its best model of one effect at
+        most. From one to a likelier one: each is read off the models of the one before, which fit that one.
+        """
+        known, best = {self.hold}, self
+        while (other := best.likelier()) is not None and other.hold not in known:
+            if best.is_surely_better_than(other):
+                break
+            known.add(other.hold)
+            best = other
+        return best
+
     def likelier(self) -> Reading | None:
         """Of inputs that change between rows: another reading that predicts more, and its best model of one effect at
         most; None where there is none.
@@ -89,14 +101,14 @@ class Reading:
     def likeliest_alone(self) -> Reading:
         """Likewise, or the same reading, by the declared model alone, and with that."""
         own = self._likeliest_by([self.screening.judged(self.declared)])
-        return replace(self, hold=own, screening=self._screening_as(own)).without_effects()
+        return replace(self, hold=own, screening=self._declared_as(own)).without_effects()
 
     def _likeliest_by(self, models: Sequence[BalancedModel]) -> Hold:
         """How inputs that change between rows act, by the best of the models with each reading."""
         ours = _likeliest_model(models)
 
         def asked(hold: Hold) -> Likelihoods:
-            own = self._screening_as(hold)
+            own = self.screening.read_as(read_as(self.unread, hold).holds)
             return ours.likelihood, _likeliest_model([own.judged(m) for m in models]).likelihood
 
         return likeliest(asked, self.screening.balance, self.hold)
@@ -107,9 +119,19 @@ class Reading:
         return [a.model for a in best[: SCREENING.polished]]
 
     def with_two(self) -> Reading:
-        """With the best model of two effects, or laws at all of their places, if that is surely better."""
+        """With the best model of two effects, or laws at all of their places, if that is surely better, also than each
+        of them alone.
+        """
         levels = list(grown(self.screening, (), (), 2, settings=NARROW))
-        return replace(self, model=levels[-1].best) if levels else self
+        if not levels:
+            return self
+        both = levels[-1].best
+        alone = [
+            self.screening.fitted(replace(both, effects=(effect,), values=(values,)))
+            for effect, values in zip(both.effects, both.values, strict=True)
+        ]
+        one = _likeliest_model(alone)
+        return replace(self, model=both if is_surely_better(one.likelihood, both.likelihood) else one)
 
     def with_best_of(self, others: Sequence[Reading]) -> Reading:
         """The reading with the best of its own model and of those of others, fitted in its screening."""
@@ -157,14 +179,13 @@ def timings_with_effects(
     told = prepared.input_timings
     holds = {t.hold for t in told}
     changing = held.with_best(_changing(holds))
-    if changing.hold == EVENLY and not held.is_surely_better_than(changing):
-        other = changing.likelier()
-        if other is not None and not changing.is_surely_better_than(other):
-            changing = other
+    if not held.is_surely_better_than(changing):
+        changing = changing.likeliest()
     if len(holds) == 1:
         known, other = (held, changing) if HELD in holds else (changing, held)
         if not other.is_surely_better_than(known):
-            return told, known.screening
+            same = holds == {known.hold}
+            return told if same else _timings(known, other), known.screening
         asked = [known.without_effects()]
     else:
         asked = [held.without_effects(), changing.likeliest_alone()]
@@ -173,15 +194,17 @@ def timings_with_effects(
     if holds == {best.hold}:
         return told, best.screening
     if len(holds) > 1 and plain is None:
-        mixed = screening.read_as(with_timings(prepared.task, told).holds)
+        mixed = screening.declared_as(with_timings(prepared.task, told).holds)
         if is_surely_better(best.model.likelihood, mixed.best().likelihood):
             return told, mixed
-    other = changing if best.hold == HELD else held
-    gain, error = best.model.gain((other if best.model.effects else other.without_effects()).model)
-    unread = (c.name for c in prepared.task.inputs if c.hold is None)
-    return tuple(
-        InputTiming(name, best.hold, gain, error, best.model.beyond_noise) for name in unread
-    ), best.screening
+    return _timings(best, changing if best.hold == HELD else held), best.screening
+
+
+def _timings(read: Reading, other: Reading) -> tuple[InputTiming, ...]:
+    """That all inputs act so of which the task does not say how they act, not as in the other reading."""
+    gain, error = read.model.gain((other if read.model.effects else other.without_effects()).model)
+    unread = (c.name for c in read.unread.inputs if c.hold is None)
+    return tuple(InputTiming(name, read.hold, gain, error, read.model.beyond_noise) for name in unread)
 
 
 def held_instead(

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.points import Points
@@ -16,10 +17,11 @@ from capture_cli.model.effects.base import AtValues, Effect
 
 
 class ArrivingControls:
-    """The mean control about each point: a step of the model takes it for the acceleration in the middle of the step.
+    """The smooth control whose mean about each point is the sent one's: as the smoothed motion, it has what changes
+    slower than points follow one another. A mean alone has less of that, by (w T)^2 / 24 at a frequency w.
 
-    q(t+h) - 2 q(t) + q(t-h) is h^2 a(t), so that what is held from t to t + h acts as if it were held from t - h / 2 to
-    t + h / 2.
+    A step of the model takes a control for the acceleration in the middle of the step: q(t+h) - 2 q(t) + q(t-h) is
+    h^2 a(t), so that what is held from t to t + h acts as if it were held from t - h / 2 to t + h / 2.
     """
 
     def __init__(self, smoothed: SmoothedLog, points: Points):
@@ -77,7 +79,7 @@ class ArrivingControls:
         return np.array(found), grid
 
     def _averaged(self, drive: Callable, variants: int, columns: np.ndarray) -> np.ndarray:
-        """Means of the `columns` of ctrl about the points, (variant, point, column)."""
+        """The `columns` of ctrl at the points, (variant, point, column): derivatives of what they add up to."""
         smoothed, points, parts = self.smoothed, self.points, len(self.smoothed.parts)
         found = np.zeros((variants, len(points), len(columns)))
         if not smoothed.task.inputs:
@@ -88,14 +90,21 @@ class ArrivingControls:
         controls = drive(sequences[..., columns][part], part, variant)
         edges = np.append(grid, grid[-1] + step) - smoothed.task.timestep / 2
         total = np.cumsum(np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1), axis=1) * step
-        half, time = points.interval / 2, smoothed.log.time
+        time = smoothed.log.time
         for n, own in enumerate(points.stretches):
+            if own.start == own.stop:
+                continue
             at = points.time[own] - (time[self._followed_from[n]] - time[0])
-            low, high = np.clip(at - half, edges[0], edges[-1]), np.clip(at + half, edges[0], edges[-1])
-            sums = total[n::parts]  # of each variant
-            whole = _between(high, edges, sums) - _between(low, edges, sums)
-            found[:, own] = whole / (high - low)[:, None]
+            bounds = np.clip(_bounds(at, points.interval), edges[0], edges[-1])
+            sums = _between(bounds, edges, total[n::parts])  # of each variant
+            found[:, own] = CubicSpline(bounds, sums, axis=1)(at, nu=1)
         return found
+
+
+def _bounds(at: np.ndarray, interval: float) -> np.ndarray:
+    """Of what is about each point (point,): halfway to its neighbours, (point + 1,)."""
+    half = interval / 2
+    return np.concatenate([at[:1] - half, (at[1:] + at[:-1]) / 2, at[-1:] + half])
 
 
 def _between(at: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.ndarray:

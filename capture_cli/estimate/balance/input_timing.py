@@ -10,6 +10,7 @@ the input read one way and the other.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -17,6 +18,7 @@ from scipy.optimize import minimize_scalar
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.regression import Sums, predicted, with_prior
+from capture_cli.estimate.balance.screening import by_parameter, declared
 from capture_cli.estimate.balance.whitening import Whitening
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 
@@ -70,31 +72,27 @@ def input_timings(
     """How each input acts of which nobody says it, and whether that is all: what is missing may look like another
     timing, and one that is not surely better may still be right.
 
-    balance, whitening: at values of the declared parameters; rows: of these; names, holds: of all inputs, and how they
-    act where somebody says it.
+    balance, whitening: of held inputs, at values of the declared parameters that fill it best; rows: of these; names,
+    holds: of all inputs, and how they act where somebody says it.
 
     All are first read as held and as changing evenly together, then each by itself beside the better of these; last
     those that change evenly are asked for commands between rows, and for acting before their rows, together.
     """
-    columns = [c * balance.smoothed.task.space.span for c in rows]
-    blocks = whitening.blocks(SETTINGS.blocks)
-
-    def likelihood(read: Sequence[Hold]) -> np.ndarray:
-        """(block,)"""
-        target = whitening.rows([balance.read_as(read).null])
-        _adapt(whitening, target, columns)
-        white = np.concatenate(whitening.whitened(target))[:, 0]
-        sums = Sums.of(-white, np.concatenate(whitening.whitened(columns)), whitening.block_of_row(blocks))
-        return np.bincount(blocks, weights=whitening.log_determinants()) - 0.5 * predicted(sums)
-
     asked = [k for k, hold in enumerate(holds) if hold is None]
     read = [HELD if hold is None else hold for hold in holds]
 
     def with_(hold: Hold, those: Sequence[int]) -> list[Hold]:
         return [hold if k in those else own for k, own in enumerate(read)]
 
-    known = likelihood(read)
-    if len(asked) > 1 and is_surely_better(known, other := likelihood(with_(EVENLY, asked))):
+    held = list(read)
+    as_held = _Read(balance, whitening, rows)
+    as_changing = _Read.of(*declared(balance.read_as(with_(EVENLY, asked)), whitening))
+
+    def likelihood(read: list[Hold]) -> np.ndarray:
+        return (as_held if read == held else as_changing).likelihood(read)
+
+    known, other = likelihood(read), likelihood(with_(EVENLY, asked))
+    if is_surely_better(known, other):
         read, known = with_(EVENLY, asked), other
     gains = {}
     for k in asked:
@@ -109,9 +107,34 @@ def input_timings(
         read = with_(found, evenly)
     contradicted = any(gain < -SETTINGS.least for gain, _ in gains.values())
     likelihood(read)
-    beyond = whitening.beyond_noise
+    beyond = (as_held if read == held else as_changing).whitening.beyond_noise
     timings = [InputTiming(names[k], read[k], *gains[k], beyond) for k in asked]
     return timings, beyond < SETTINGS.else_missing and not contradicted
+
+
+@dataclass(frozen=True)
+class _Read:
+    """A balance at values that fill it best with inputs read one way, and the rows of the declared parameters: misread
+    inputs move these so far that changes no longer add up.
+    """
+
+    balance: ForceBalance
+    whitening: Whitening
+    rows: Sequence[np.ndarray]
+
+    @classmethod
+    def of(cls, balance: ForceBalance, whitening: Whitening) -> Self:
+        return cls(balance, whitening, whitening.rows(by_parameter(balance)))
+
+    def likelihood(self, read: Sequence[Hold]) -> np.ndarray:
+        """(block,) of inputs that act so; the model's own error is as large as makes what is left most likely."""
+        whitening, blocks = self.whitening, self.whitening.blocks(SETTINGS.blocks)
+        columns = [c * self.balance.smoothed.task.space.span for c in self.rows]
+        target = whitening.rows([self.balance.read_as(read).null])
+        _adapt(whitening, target, columns)
+        white = np.concatenate(whitening.whitened(target))[:, 0]
+        sums = Sums.of(-white, np.concatenate(whitening.whitened(columns)), whitening.block_of_row(blocks))
+        return np.bincount(blocks, weights=whitening.log_determinants()) - 0.5 * predicted(sums)
 
 
 Likelihoods = tuple[np.ndarray, np.ndarray]  # (block,) each

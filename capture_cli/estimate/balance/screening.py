@@ -177,11 +177,13 @@ class Screening:
         return cls(*declared_balance(smoothed, point, threads), placed, on_step=on_step)
 
     def read_as(self, holds: Sequence[Hold]) -> Screening:
-        """The same with inputs that act so between rows."""
+        """The same with inputs that act so between rows, about the same values of the declared parameters."""
         balance = self.balance.read_as(holds)
-        whitening = copy(self.whitening)
-        whitening.balance = balance
-        return self._in(balance, whitening)
+        return self._in(balance, self.whitening.along(balance))
+
+    def declared_as(self, holds: Sequence[Hold]) -> Screening:
+        """The same, about the values that fill that balance best: misread inputs move them far."""
+        return self._in(*declared(self.balance.read_as(holds), self.whitening))
 
     def about(self, point: np.ndarray, effects: Sequence[Placed], values: Sequence[np.ndarray]) -> Screening:
         """The same about a model with `effects` at `values`, (parameter,) each, and the task at `point` (parameter,).
@@ -637,15 +639,21 @@ def declared_balance(
     smoothed: SmoothedLog, point: np.ndarray, threads: int | None
 ) -> tuple[ForceBalance, Whitening]:
     """The balance, from `point` (parameter,), at the values of the declared parameters that fill it best."""
-    space = smoothed.task.space
     balance = ForceBalance(smoothed, point, threads)
-    whitening = Whitening(balance)
+    return declared(balance, Whitening(balance))
+
+
+def declared(balance: ForceBalance, whitening: Whitening) -> tuple[ForceBalance, Whitening]:
+    """The balance at the values that fill it best, from its own. whitening: of the same log."""
+    smoothed, point, space = balance.smoothed, balance.point, balance.smoothed.task.space
+    whitening = whitening.along(balance)
+    whitening.reset()  # what was asked before is not to matter
     for _ in range(SETTINGS.descents):
+        whitening = whitening.along(balance)
         white = np.concatenate(whitening.whitened(whitening.rows([balance.null, *by_parameter(balance)])))
         step = _step(white[:, 1:] * space.span, white[:, 0], point, space.low, space.high, SETTINGS.far)
         point = np.clip(point + step * space.span, space.low, space.high)
-        balance = ForceBalance(smoothed, point, threads)
-        whitening.balance = balance
+        balance = ForceBalance(smoothed, point, balance.threads)
         if np.abs(step).max(initial=0.0) < SETTINGS.shortest:
             break
     return balance, whitening.at(balance)

@@ -310,10 +310,16 @@ class Whitening:
         whole.resize(weights.shape[0], len(elapsed))
         return whole
 
-    def at(self, balance: ForceBalance) -> Whitening:
-        """The same at another point of the same log, where the model has other slopes."""
+    def along(self, balance: ForceBalance) -> Whitening:
+        """The same in another balance of the same log, as if the model had the same slopes there."""
         moved = copy(self)
         moved.balance = balance
+        moved.model_error, moved.slow_noise = self.model_error.copy(), self.slow_noise.copy()
+        return moved
+
+    def at(self, balance: ForceBalance) -> Whitening:
+        """The same in another balance of the same log, where the model has other slopes."""
+        moved = self.along(balance)
         moved.noise, moved.slow, moved.white = moved._covariances()
         moved._diagonals = {}
         moved.reset()
