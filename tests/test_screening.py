@@ -273,6 +273,19 @@ def test_two_effects_are_found_of_which_a_third_does_more_than_either():
     assert [e.kind for e in best.effects] == ["coulomb-friction"]
 
 
+def test_a_descent_follows_a_valley_to_its_end():
+    """A spring that relaxes sooner is nearly as one that is softer, of which the range ends far beyond."""
+    own = Made.of("arm", ("viscoelastic-spring", "elbow", 0.01), episodes=4)
+    screening = own.screening([p for p in own.placed if p.name == "viscoelastic-spring@elbow"])
+    [(effect, values)] = own.planted
+    there = BalancedModel(tuple(screening.placed), own.truth, (values,))
+    valley = [0, effect.space.names.index("relaxation")]
+    off = values.copy()
+    off[valley] *= 1.8, 1 / 1.6
+    found, known = (screening.fitted(replace(there, values=(v,))) for v in (off, values))
+    assert found.at_values.sum() > known.at_values.sum() - 5.0
+
+
 def test_a_pair_is_found_of_which_one_is_not_among_the_best_alone():
     """Before a gear's coupling come more single effects than are grown."""
     pair = ("coupled-drive@tilt", "viscoelastic-spring@pan")
