@@ -232,6 +232,18 @@ def test_inputs_are_held_where_a_balance_that_leaves_more_than_noise_says_otherw
     assert set(screening.balance.smoothed.task.holds) == {HELD}
 
 
+def test_commands_a_row_are_told_beside_what_is_missing():
+    """The declared model alone reads three, for what it lacks is late, too."""
+    case = Case(PLANTED, "arm", ("linear-stiffness@shoulder",), 3.0, 1157506279, dress="half-rate")
+    task, log = log_of(case, 0.002818)
+    prepared_as = partial(prepare, log, split=NewSplit(seed=case.number), **QUIET)
+    prepared = prepared_as(task)
+    assert {t.hold for t in prepared.input_timings} == {Hold(3)}
+    few = [c for c in all_candidates(prepared) if c.name in (*case.planted, "control-lag")]
+    found, screening = timings_with_effects(replace(prepared, task=task), few, prepared_as, 1)
+    assert {t.hold for t in found} == {Hold(2)} == set(screening.balance.smoothed.task.holds)
+
+
 @pytest.mark.parametrize(("late", "held"), [((), True), ((0.05,), False)])
 def test_inputs_are_held_after_all_where_what_was_found_explains_that_with_nothing_on_controls(late, held):
     """A clock that is off looks like commands that act early, which a delay then undoes; one that is there stays."""

@@ -45,14 +45,14 @@ class ArrivingControls:
                 controls = own.drive(controls, values, step, elapsed=elapsed, first=first)
             return controls
 
-        found[..., columns] = self._averaged(drive, len(driving), columns)
+        found[..., columns] = self._at_points(drive, len(driving), columns)
         return found
 
     @cached_property
     def _sent(self) -> np.ndarray:
         """ctrl (point, nu) as it is sent."""
         every = np.arange(self.smoothed.task.model.nu)
-        return self._averaged(lambda controls, *_: controls, 1, every)[0]
+        return self._at_points(lambda controls, *_: controls, 1, every)[0]
 
     @cached_property
     def _followed_from(self) -> np.ndarray:
@@ -78,7 +78,7 @@ class ArrivingControls:
             found.append(task.controls(inputs[None])[0])
         return np.array(found), grid
 
-    def _averaged(self, drive: Callable, variants: int, columns: np.ndarray) -> np.ndarray:
+    def _at_points(self, drive: Callable, variants: int, columns: np.ndarray) -> np.ndarray:
         """The `columns` of ctrl at the points, (variant, point, column): derivatives of what they add up to."""
         smoothed, points, parts = self.smoothed, self.points, len(self.smoothed.parts)
         found = np.zeros((variants, len(points), len(columns)))
