@@ -273,33 +273,6 @@ def test_two_effects_are_found_of_which_a_third_does_more_than_either():
     assert [e.kind for e in best.effects] == ["coulomb-friction"]
 
 
-def test_a_model_that_no_descent_got_to_is_as_likely_as_it_is():
-    """Two springs on one joint: to first order they do as a third that is far from either."""
-    own = Made.of("cart_pole", ("coupled-spring", "theta", 0.01), episodes=4)
-    both = [p for p in own.placed if p.name in ("coupled-spring@theta", "preloaded-spring@theta")]
-    screening = own.screening(both)
-    values = (np.array([0.046, 0.167, -0.036]), np.array([-0.008, -0.105]))
-    begun = BalancedModel(tuple(screening.placed), own.truth, values)
-    assert [p.name for p in screening.placed] == [p.name for p in both]
-    promised, found = screening.judged(begun), screening.fitted(begun)
-    assert promised.at_values.sum() < promised.likelihood.sum() - 1e3
-    assert found.at_values.sum() > promised.at_values.sum() + 1e3
-    assert found.likelihood.sum() <= found.at_values.sum()
-
-
-def test_a_descent_follows_a_valley_to_its_end():
-    """A spring that relaxes sooner is nearly as one that is softer, of which the range ends far beyond."""
-    own = Made.of("arm", ("viscoelastic-spring", "elbow", 0.01), episodes=4)
-    screening = own.screening([p for p in own.placed if p.name == "viscoelastic-spring@elbow"])
-    [(effect, values)] = own.planted
-    there = BalancedModel(tuple(screening.placed), own.truth, (values,))
-    valley = [0, effect.space.names.index("relaxation")]
-    off = values.copy()
-    off[valley] *= 1.8, 1 / 1.6
-    found, known = (screening.fitted(replace(there, values=(v,))) for v in (off, values))
-    assert found.at_values.sum() > known.at_values.sum() - 5.0
-
-
 def test_a_pair_is_found_of_which_one_is_not_among_the_best_alone():
     """Before a gear's coupling come more single effects than are grown."""
     pair = ("coupled-drive@tilt", "viscoelastic-spring@pan")

@@ -38,8 +38,7 @@ class SETTINGS:
     balance; more are, so many times as many at most, until as many predict better than the next one's columns;
     polished_for_best: where one is asked for.
     descents: steps of such a fit at most, where parameters are nonlinear or it begins far off, and straight where
-    neither is. far: its longest step, of a range, and a quarter of one that led nowhere; shortest: a share of what is
-    left, for which it goes on, or a step of the declared model's.
+    neither is. far: its longest step, of a range; shortest: at which it stops early.
     difference: of a range, in differences of effects. at_once: atoms whose sums are in memory. at_end: of a range,
     within which a parameter is at its end. alike: cosine of responses beyond which effects do not differ. ran_away: of
     rows, beyond which what others add is lost in rounding. determined: of a declared parameter's range, a standard
@@ -52,7 +51,7 @@ class SETTINGS:
     polished: int = 8
     most_polished: int = 3
     polished_for_best: int = 2
-    descents: int = 8
+    descents: int = 5
     straight: int = 2
     far: float = 0.3
     shortest: float = 1e-3
@@ -556,8 +555,7 @@ class Screening:
         if not model.effects:
             return model
         low, high = self._bounds(model)
-        best, least = model, np.inf
-        far = length = SETTINGS.far
+        best, least, far = model, np.inf, SETTINGS.far
         nonlinear = far_off or any(e.effect.shapes for e in model.effects)
         for _ in range(SETTINGS.descents if nonlinear else SETTINGS.straight):
             self.on_work()
@@ -575,10 +573,10 @@ class Screening:
                 if done:
                     break
             else:
-                far = length / 4
-            step = _step(slope, left, best.start, low, high, far)
-            length = float(np.abs(step).max())
-            model = self._moved(best, step)
+                far /= 4
+                if far < SETTINGS.shortest:
+                    break
+            model = self._moved(best, _step(slope, left, best.start, low, high, far))
         return best
 
     # --- all at once ---

@@ -17,8 +17,8 @@ from capture_cli.model.parameters import Parameter
 
 @frozen
 class SETTINGS:
-    quickest: float = 4.0  # steps of the model that relaxing takes, or
-    sampled: float = 1.0  # samples of the log: what is quicker is a damper
+    # steps of the log, or of the model, that relaxing takes: what is quicker is a damper
+    quickest: float = 4.0
     slowest: float = 0.5  # of the longest episode: what is slower is an elastic spring
     forgotten: float = 5.0  # times the relaxation time: then nothing is left of what was before
     kept: int = 64  # relaxation times, the last ones tried, of which it is known where the spring would rest
@@ -70,7 +70,7 @@ class ViscoelasticSpring(FollowedForce):
         stiffest = min(stiffest, 5 * self.characteristic_force / self.characteristic_travel)
         quickest, slowest = SETTINGS.quickest * step, 1.0
         if self.longest is not None:
-            quickest = max(quickest, SETTINGS.sampled * self._sampled)
+            quickest = SETTINGS.quickest * max(step, self._sampled)
             slowest = max(SETTINGS.slowest * self.longest, 2 * quickest)
         return (
             Parameter("stiffness", self.unit("N/m", "N m/rad"), 0.0, stiffest, 0.0),
