@@ -72,8 +72,8 @@ class BalancedModel:
 
     likelihood (block,): of each block, by the model that is fitted to the others. slow_noise (memory, nv): of the
     sensors, as far as a model that this one grew from leaves it; none where None. beyond_noise: what it leaves, as of
-    `Whitening`. at_values (block,): likelihood with the parameters as they are; `likelihood` has them a linear step on,
-    which need not be there, or within their ranges.
+    `Whitening`. at_values: log likelihood of the whole log with the parameters as they are; `likelihood` has them a
+    linear step on.
     """
 
     effects: tuple[Placed, ...]
@@ -82,7 +82,7 @@ class BalancedModel:
     likelihood: np.ndarray = field(default_factory=lambda: np.zeros(0))
     slow_noise: np.ndarray | None = None
     beyond_noise: float = np.inf
-    at_values: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    at_values: float = -np.inf
 
     @property
     def start(self) -> np.ndarray:
@@ -98,11 +98,6 @@ class BalancedModel:
     def numbers(self) -> dict[str, Any]:
         """All of it but the effects, by name."""
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "effects"}
-
-    def as_it_is(self) -> BalancedModel:
-        """Where a descent to what a linear step promises did not get there: with the likelihood that it has."""
-        kept = self.at_values.sum() >= self.likelihood.sum() or np.isnan(self.likelihood).any()
-        return self if kept else replace(self, likelihood=self.at_values)
 
     def gain(self, other: BalancedModel) -> tuple[float, float]:
         """Of predictive log likelihood over another model, and its standard error over blocks."""
@@ -280,7 +275,7 @@ class Screening:
                 begun, rest = next(each), rest[1:]
                 gains = [m.gain(model) for m in begun]
                 # not by the gain: to first order a start from which no descent gets there promises as much
-                best = int(np.argmax([m.at_values.sum() for m in begun]))
+                best = int(np.argmax([m.at_values for m in begun]))
                 more, (gain, error) = begun[best], gains[best]
                 if np.isfinite(gain):
                     polished.append(replace(addition, model=more, gain=gain, error=error))
@@ -325,7 +320,7 @@ class Screening:
         """
         self.whitening.reset()  # what was asked before is not to matter
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            return self._judged(self._fitted(self._judged(model), far_off)).as_it_is()
+            return self._judged(self._fitted(self._judged(model), far_off))
 
     def all_fitted(self, models: Sequence[BalancedModel]) -> list[BalancedModel]:
         """As `fitted`, each of them."""
@@ -512,7 +507,7 @@ class Screening:
         target, columns = self._system(model)
         if not _is_bounded((*target, *columns)):
             nowhere = np.full(int(self.block.max()) + 1, np.nan)
-            return replace(model, likelihood=nowhere, at_values=np.full(len(nowhere), -np.inf))
+            return replace(model, likelihood=nowhere, at_values=-np.inf)
         slow = np.zeros_like(self.whitening.slow_noise) if model.slow_noise is None else model.slow_noise
         self.whitening.adapt(self._left(model, target, columns), slow)
         target, columns = -self._white(target)[:, 0], self._white(columns)
@@ -520,7 +515,7 @@ class Screening:
         determinants = np.bincount(self.block, weights=self.whitening.log_determinants())
         likelihood = determinants - 0.5 * predicted(sums)
         [left] = _without(columns[:, len(model.start) :], target)
-        at_values = determinants - 0.5 * np.bincount(self._block_of_row, weights=left**2)
+        at_values = float(determinants.sum() - 0.5 * left @ left)
         beyond_noise = self.whitening.beyond_noise
         return replace(model, likelihood=likelihood, beyond_noise=beyond_noise, at_values=at_values)
 
