@@ -44,6 +44,10 @@ rows() { # FOLDER
 for task in air-hockey scooping; do for n in 1 2 3; do
   capture eval-sim2sim --task $task --policy runs/policies/$task $(rows $n/$task) --seeds 1 --rounds 10 --out runs/evaluation/$task-equal/$n
 done; done
+# neural posterior estimation by sbi (extra `benchmarks`), from the same histories
+for task in air-hockey scooping; do for n in 1 2 3; do
+  python -m docs.neural_posterior --task $task --policy runs/policies/$task --histories equal/$task-$n.zarr --seed $((n - 1)) --out runs/evaluation/$task-equal+npe/$n
+done; done
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier equal/1/air-hockey/capture --identifier equal/1/air-hockey/capture-trajectory --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal-paper
 capture eval-sim2sim --task scooping --policy runs/policies/scooping --identifier domain-randomization --identifier equal/1/scooping/capture --identifier equal/1/scooping/capture-trajectory --out runs/evaluation/scooping-equal-paper
 

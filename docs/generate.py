@@ -706,11 +706,14 @@ def measured() -> str:
     results = _results()
     lines = [" or ".join(sorted({_made_with(document) for document in results.values()})) + ":", ""]
     for name, document in results.items():
-        day = datetime.fromisoformat(document["provenance"]["began"]).strftime("%-d %B %Y")
+        day = datetime.fromisoformat(document["provenance"]["began"]).strftime("%-d %b %Y")
         load = document["machine"]["load_before"]
-        lines += [f"### `{_measured_by(name, document)}` ({day}, load {load:.1f} before)", ""]
+        lines += [f"### `{_measured_by(name, document)}` ({day}, load {load:.1f})", ""]
         lines += ["| figure | measured | target |", "|---|---|---|"]
         for figure in document["figures"]:
+            if figure["name"].startswith(" at "):  # of the figure before
+                lines[-1] = lines[-1].removesuffix(" |") + f", {_number(figure)}{figure['name']} |"
+                continue
             met = {None: "", True: "", False: " **(not met)**"}[figure["met"]]
             indent = "- " * figure["name"].startswith(" ")
             aim = f"{_aim(figure)}{met}"

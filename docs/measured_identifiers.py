@@ -1,14 +1,15 @@
 """Every figure of docs/dev/evaluation.md, and the goals of docs/in-context.md: from the JSON in runs/evaluation.
 
 A table says how many pairs it is of and which code made it. Rows that an evaluation took over from an earlier run are
-of other code, and are left out.
+of other code, and are left out. FOLDER+NAME holds a rival that met the same pairs: its row is in the table of FOLDER,
+which says whose code it is.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +35,14 @@ Rows = list[list[str]]
 
 @dataclass(frozen=True)
 class Measured:
-    """An evaluation of runs/evaluation: its document without the rows of other code, and who made it."""
+    """An evaluation of runs/evaluation: its document without the rows of other code, and who made it. rivals: who made
+    rows that are from elsewhere, by label.
+    """
 
     folder: str
     document: Mapping[str, Any]
     provenance: Mapping[str, Any]
+    rivals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @classmethod
     def read(cls, folder: str) -> Measured:
@@ -59,6 +63,16 @@ class Measured:
     def rounds(self) -> list[int]:
         return [n for n in ROUNDS if n <= self.document["rounds"]]
 
+    def with_rival(self, other: Measured) -> Measured:
+        """With the rows of another evaluation that met the same pairs."""
+        same = ("task", "effects", "world", "robot", "noise", "policy", "pairs", "seeds", "rounds")
+        assert [self.document[key] for key in same] == [other.document[key] for key in same]
+        new = {label: e for label, e in other.rows.items() if label not in self.rows}
+        document = {**self.document, "identifiers": {**self.rows, **new}}
+        return replace(
+            self, document=document, rivals={**self.rivals, **dict.fromkeys(new, other.provenance)}
+        )
+
     def about(self, trainings: int = 1) -> str:
         """Counts, and the code. trainings: how many, each in a folder of its own, are like this one."""
         d, code = self.document, self.provenance.get("code")
@@ -67,6 +81,7 @@ class Measured:
         trained = {e["pairs_trained"] for e in self.rows.values() if e.get("pairs_trained")}
         histories = f", trained on {_either(sorted(trained))} histories" if trained else ""
         by = f"code {code[:8]}" if code else "the code was not noted"
+        by += "".join(f", of {label} {made['code'][:8]}" for label, made in self.rivals.items())
         counts = f"{d['pairs']} pairs{seeds}, {d['rounds']} rounds{noise}{histories}"
         several = f" {trainings} trainings, ± their deviation." if trainings > 1 else ""
         return f"`{Path(self.folder).parts[0]}`: {counts}; {by}.{several}"
@@ -88,11 +103,21 @@ def _sections(task: str, table: Callable[..., str], told: str) -> str:
     """
     evaluations: dict[str, list[Measured]] = {}
     cells = []
-    for m in _measured(task):
+    measured = _measured(task)
+    for m in (m for m in measured if "+" not in m.folder):
         folder, *within = Path(m.folder).parts
+        for rival in (r for r in measured if _beside(r.folder) == m.folder):
+            m = m.with_rival(rival)
         (cells if len(within) > 1 else evaluations.setdefault(folder, [])).append(m)
     sections = [_section(trainings, table) for _, trainings in sorted(evaluations.items())]
     return "\n\n".join([*sections, *([ablations(cells, told)] if cells else [])])
+
+
+def _beside(folder: str) -> str | None:
+    """FOLDER/N of FOLDER+NAME/N; None of others."""
+    name, *within = Path(folder).parts
+    base, is_rival, _ = name.partition("+")
+    return str(Path(base, *within)) if is_rival else None
 
 
 def worlds() -> str:

@@ -9,7 +9,7 @@ the input read one way and the other.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -88,8 +88,11 @@ def input_timings(
     as_held = _Read(balance, whitening, rows)
     as_changing = _Read.of(*declared(balance.read_as(with_(EVENLY, asked)), whitening))
 
+    def told(read: list[Hold]) -> _Told:
+        return (as_held if read == held else as_changing).told(read)
+
     def likelihood(read: list[Hold]) -> np.ndarray:
-        return (as_held if read == held else as_changing).likelihood(read)
+        return told(read).likelihood
 
     known, other = likelihood(read), likelihood(with_(EVENLY, asked))
     if is_surely_better(known, other):
@@ -106,35 +109,52 @@ def input_timings(
         found = likeliest(lambda hold: (known, likelihood(with_(hold, evenly))), balance)
         read = with_(found, evenly)
     contradicted = any(gain < -SETTINGS.least for gain, _ in gains.values())
-    likelihood(read)
-    beyond = (as_held if read == held else as_changing).whitening.beyond_noise
+    beyond = told(read).beyond_noise
     timings = [InputTiming(names[k], read[k], *gains[k], beyond) for k in asked]
     return timings, beyond < SETTINGS.else_missing and not contradicted
 
 
 @dataclass(frozen=True)
+class _Told:
+    """Of inputs read one way: the log likelihood (block,), the model's own error being as large as makes what is left
+    most likely; and `beyond_noise` of `Whitening`.
+    """
+
+    likelihood: np.ndarray
+    beyond_noise: float
+
+
+@dataclass(frozen=True)
 class _Read:
     """A balance at values that fill it best with inputs read one way, and the rows of the declared parameters: misread
-    inputs move these so far that changes no longer add up.
+    inputs move these so far that changes no longer add up. known: what it told of inputs.
     """
 
     balance: ForceBalance
     whitening: Whitening
     rows: Sequence[np.ndarray]
+    known: dict[tuple[Hold, ...], _Told] = field(default_factory=dict)
 
     @classmethod
     def of(cls, balance: ForceBalance, whitening: Whitening) -> Self:
         return cls(balance, whitening, whitening.rows(by_parameter(balance)))
 
-    def likelihood(self, read: Sequence[Hold]) -> np.ndarray:
-        """(block,) of inputs that act so; the model's own error is as large as makes what is left most likely."""
+    def told(self, read: Sequence[Hold]) -> _Told:
+        """Of inputs that act so."""
+        if tuple(read) not in self.known:
+            self.known[tuple(read)] = self._told(read)
+        return self.known[tuple(read)]
+
+    def _told(self, read: Sequence[Hold]) -> _Told:
         whitening, blocks = self.whitening, self.whitening.blocks(SETTINGS.blocks)
         columns = [c * self.balance.smoothed.task.space.span for c in self.rows]
         target = whitening.rows([self.balance.read_as(read).null])
+        whitening.reset()  # what was asked before is not to matter
         _adapt(whitening, target, columns)
         white = np.concatenate(whitening.whitened(target))[:, 0]
         sums = Sums.of(-white, np.concatenate(whitening.whitened(columns)), whitening.block_of_row(blocks))
-        return np.bincount(blocks, weights=whitening.log_determinants()) - 0.5 * predicted(sums)
+        likelihood = np.bincount(blocks, weights=whitening.log_determinants()) - 0.5 * predicted(sums)
+        return _Told(likelihood, whitening.beyond_noise)
 
 
 Likelihoods = tuple[np.ndarray, np.ndarray]  # (block,) each
