@@ -485,20 +485,21 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
             "lack_of_fit.before": Part("lack", "declared model"),
             "lack_of_fit.after": Part("lack", "with the effects"),
             ", ".join(_NOTES): "as in estimate.json",
-            "out_of_time": "null, or what --time-limit ended or left out, in words",
+            "out_of_time": "null, or what --time-limit ended or left out",
             "absorbed.NAME.before, absorbed.NAME.after": "a declared parameter without and with the effects, for "
-            "which it had been standing in",
+            "which it stood in",
             "absorbed.NAME.unit": "its unit",
             "absorbed.NAME.shift_in_sd": "the difference over the standard deviation of `after`",
             "candidates[].effect, candidates[].site": "an effect that was tried, and where; accepted ones first, "
             "then by score",
-            "candidates[].score": "expected decrease of the objective over the variance left; null: not scored",
+            "candidates[].score": "expected decrease of the objective over the variance left, or null",
             "candidates[].refit_select_error": "fitted jointly: error over the noise floor where judged, or null",
-            "candidates[].why_rejected": "null where it was accepted or nothing was tried",
-            "localisation[].output": "the output whose residual acceleration is meant",
+            "candidates[].rejection, candidates[].why_rejected": "why it is out ({reason, facts, beside_others}), "
+            "and in words; or null",
+            "localisation[].output": "whose residual acceleration is meant",
             "localisation[].against, localisation[].unit": "what it is drawn against, and the unit of that",
             "localisation[].share": "of the variance of the residual acceleration that it accounts for, declared model",
-            "split.how": "how windows were divided, in words",
+            "split.how": "how windows were divided",
             "split.fit_windows, split.select_windows, split.test_windows": "how many were fitted, chose among "
             "effects (0: cross-validation on those fitted), and were held out",
             **_ROLLOUTS,

@@ -33,7 +33,8 @@ from capture_cli.select.balance_round import _ended, _ends
 from capture_cli.select.candidates import Candidate, all_candidates
 from capture_cli.select.forward_round import _settles
 from capture_cli.select.log_parts import Folds, LogParts
-from capture_cli.select.model_comparison import BETTER, NOT_WORTH_IT, TIED, WORSE, ModelComparison
+from capture_cli.select.model_comparison import ModelComparison
+from capture_cli.select.reason import Reason, Rejection
 from capture_cli.select.score import Score
 from capture_cli.select.search import Accepted, Attribution
 from capture_cli.simulate.simulator import Simulator
@@ -144,16 +145,18 @@ def test_what_is_better_everywhere_is_behind_nothing(models, seed):
     assert np.argmin(models.losses([worse, better])) == 1
 
 
-@pytest.mark.parametrize(("less", "said"), [(2e-4, TIED), (2e-2, WORSE)])
+@pytest.mark.parametrize(("less", "said"), [(2e-4, Reason.TIED), (2e-2, Reason.EXPLAINS_LESS)])
 def test_a_difference_that_is_steady_and_next_to_nothing_makes_no_winner(models, less, said):
     """Of an inertia on a joint and a centre of mass that is farther out, with one parameter more, both open masses."""
     blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
     mine, other = judged_by_blocks(2, 8140.2, (1 - less) * blocks), judged_by_blocks(1, 8140.2, blocks)
     assert models.compare(mine, other) == said
-    assert models.as_good(mine, other) is (said == TIED)
+    assert models.as_good(mine, other) is (said == Reason.TIED)
 
 
-@pytest.mark.parametrize(("judged", "said"), [(-17.0, TIED), (-60.0, BETTER), (17.0, WORSE)])
+@pytest.mark.parametrize(
+    ("judged", "said"), [(-17.0, Reason.TIED), (-60.0, None), (17.0, Reason.EXPLAINS_LESS)]
+)
 def test_windows_that_contradict_each_other_make_no_winner(models, judged, said):
     """A bias of a set point and one of a sensor: the fitted windows are for one by 17 of twice the log likelihood."""
     blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
@@ -196,7 +199,9 @@ def test_of_two_that_do_as_well_the_one_that_mujoco_has_comes_first(models, mine
     assert others == [found if is_first else rival]
 
 
-@pytest.mark.parametrize(("judged", "said"), [(-9.0, TIED), (-1.0, NOT_WORTH_IT), (9.0, NOT_WORTH_IT)])
+@pytest.mark.parametrize(
+    ("judged", "said"), [(-9.0, Reason.TIED), (-1.0, Reason.MORE_PARAMETERS), (9.0, Reason.MORE_PARAMETERS)]
+)
 def test_more_parameters_that_predict_better_are_tied(models, judged, said):
     """A filter of second order beside a delay: the fit gains less than a parameter costs, what no fit saw gains 9."""
     blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
@@ -206,7 +211,7 @@ def test_more_parameters_that_predict_better_are_tied(models, judged, said):
     assert models.compare(delay, filtered) == said
 
 
-@pytest.mark.parametrize(("gain", "said"), [(5.0, TIED), (-1.0, NOT_WORTH_IT), (20.0, BETTER)])
+@pytest.mark.parametrize(("gain", "said"), [(5.0, Reason.TIED), (-1.0, Reason.MORE_PARAMETERS), (20.0, None)])
 def test_more_parameters_that_are_worth_their_price_are_tied(models, gain, said):
     """A centre of mass beside a sensor's bias, by 5 of BIC and no better on what judges: it is what is there."""
     blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
@@ -286,12 +291,12 @@ def test_minor_effects_stand_only_where_they_explain(attribution, shares, error,
     assert selection.models.is_explained(fit) == (error == 1.0)
     fit = selection._without_minor(fit)
     assert fit.effects == tuple(a.placed for a in selection.accepted) == tuple(effects[:kept])
-    reasons = [c.why_rejected for c in selection.candidates]
-    assert reasons[:kept] == [None] * kept and all("correction" in r for r in reasons[kept:])
+    reasons = [c.rejection for c in selection.candidates]
+    assert reasons[:kept] == [None] * kept and all(r.reason == Reason.MINOR for r in reasons[kept:])
 
 
 @pytest.mark.parametrize(("error", "enough"), [(1.01, True), (1.3, False)])
-def test_a_rival_that_is_not_as_good_may_be_enough(attribution, error, enough):
+def test_a_rival_that_is_not_as_good_may_be_enough(attribution, monkeypatch, error, enough):
     """A delay and a lag on a model whose steps are too long: the better one is not the only one that explains."""
     lag, delay = (of_slider(f"control-{kind}@drive") for kind in ("lag", "delay"))
     selection = attribution([lag, delay])
@@ -301,9 +306,14 @@ def test_a_rival_that_is_not_as_good_may_be_enough(attribution, error, enough):
     for fit in (current, fit_leaving(400 * SAMPLES), fit_leaving(error**2 * SAMPLES, delay)):
         selection.models.know(fit)
     assert selection._compare_with_rivals(current, selection.accepted) is current
-    reason = selection.candidates[1].why_rejected
-    assert reason.startswith("control-lag@drive explains more")
-    assert reason.endswith("chance allows") == enough
+    rejection = selection.candidates[1].rejection
+    assert rejection.facts == {"best": "control-lag@drive"}
+    assert rejection.reason == (Reason.EXPLAINS_ENOUGH if enough else Reason.EXPLAINS_LESS)
+    # a third was better than the rival, and the effect better than that third: the rival may do better than the effect
+    monkeypatch.setattr(selection.models, "best", lambda mine, others: (mine, others))
+    monkeypatch.setattr(selection.models, "compare", lambda mine, other: None)
+    selection._compare_with_rivals(current, selection.accepted)
+    assert selection.candidates[1].rejection == Rejection(Reason.BEATEN, {"best": "control-lag@drive"})
 
 
 @pytest.mark.parametrize(
@@ -331,16 +341,17 @@ def test_what_simulations_alone_tell_of_is_a_rival_of_what_the_balance_found(
             for candidate in candidates:
                 gain, response = gains[candidate.name]
                 candidate.score = None if gain is None else score_with(response, gain)
-                candidate.why_rejected = "it explains nothing" if (gain or 0.0) < 20 else None
+                candidate.rejection = Rejection(Reason.DIVERGED) if (gain or 0.0) < 20 else None
 
     monkeypatch.setattr(search, "Scores", FakeScores)
     selection = attribution([spring, hard])
-    selection.candidates[1].why_rejected = search.NOT_ASKED
+    selection.candidates[1].rejection = search.NOT_ASKED
     selection.accepted = [Accepted(spring, None, [], None, 0.9)]
     selection.models.know(fit_leaving(400 * SAMPLES))
     selection._ask_simulations_for_rivals(fit_leaving(SAMPLES, spring), selection.accepted[0])
     assert [r.name for r in selection.accepted[0].rivals] == [hard.name] * asked
-    assert selection.candidates[1].why_rejected.startswith("fitted in the" if asked else "explains no more")
+    expected = Reason.DOES_NOT_HOLD if asked else Reason.BEHIND_AT_FIRST_SIGHT
+    assert selection.candidates[1].rejection.reason == expected
 
 
 def test_what_ended_at_a_limit_is_not_fitted_in_a_larger_set_that_has_it_there():
@@ -375,7 +386,7 @@ def test_no_shorter_steps_are_fitted_where_half_a_step_does_not_hold():
         for site in ("half", "quarter", "eighth")
     )
     assert not _settles(half, quarter, ())  # it was not fitted yet
-    half.why_rejected = "fitted jointly it explains nothing more"
+    half.rejection = Rejection(Reason.NO_GAIN)
     assert _settles(half, quarter, ()) and _settles(half, eighth, ())
     assert not _settles(quarter, half, ())
     assert not _settles(half, eighth, (half.name,))  # it takes something, if not enough

@@ -14,6 +14,7 @@ from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.select.candidates import Candidate, score_at_null
 from capture_cli.select.narrow_peaks import NarrowPeaks
+from capture_cli.select.reason import Reason
 
 STEPS = 2000
 SLIDER = Made.of("slider", episodes=1).prepared
@@ -54,9 +55,9 @@ def test_what_is_imitated_but_for_a_little_is_tried(fitted, share, is_tried):
     effect = REGISTRY.get("coulomb-friction")(SLIDER.task.model, "x")
     candidate = Candidate(Placed("coulomb-friction", effect))
     score_at_null(fitted(effect, left=4 * wave, response=ramp + own), candidate)
-    assert (candidate.why_rejected is None) == is_tried
+    assert (candidate.rejection is None) == is_tried
     if not is_tried:
-        assert "imitate" in candidate.why_rejected
+        assert candidate.rejection.reason == Reason.IMITATED
 
 
 def test_what_the_smallest_probes_overdo_is_probed_by_less(fitted, monkeypatch):
@@ -77,6 +78,6 @@ def test_what_the_smallest_probes_overdo_is_probed_by_less(fitted, monkeypatch):
 
     monkeypatch.setattr(narrow.fits, "probe", bent)
     score_at_null(narrow, candidate)
-    assert candidate.why_rejected is None
+    assert candidate.rejection is None
     found = (candidate.start - effect.space.nominal)[0] / effect.space.span[0]
     assert found == pytest.approx(1e-6, rel=0.2)

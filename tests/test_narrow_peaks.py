@@ -200,7 +200,7 @@ def test_every_shape_tried_counts_where_nothing_is_missing(logs):
     search, fits = attribution(logs["none"], PERIODIC)
     declared = fits.fit(search.models.fit_part, [], logs["none"].task.space.nominal)
     assert search._next(declared) is None
-    told = {c.name: (c.shapes_tried, c.why_rejected) for c in search.candidates}
+    told = {c.name: (c.shapes_tried, c.rejection) for c in search.candidates}
     assert all(tried > 30 and why for tried, why in told.values()), told
 
 

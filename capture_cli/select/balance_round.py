@@ -14,6 +14,7 @@ from capture_cli.select.beam import SETTINGS as BEAM
 from capture_cli.select.beam import Level, grown
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
+from capture_cli.select.reason import Reason, Rejection
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import (
     ends,
@@ -25,7 +26,7 @@ from capture_cli.select.rejection import (
 from capture_cli.select.round import Round, by_score
 
 # of a fit whose effects are at ends of their ranges: which effects, at which ends, and what that says
-AtEnds = tuple[frozenset[str], frozenset, str]
+AtEnds = tuple[frozenset[str], frozenset, Rejection]
 
 
 class BalanceRound(Round):
@@ -176,14 +177,16 @@ class BalanceRound(Round):
         self.models.held.append(found)
         return [found]
 
-    def _left(self, fit: Fit, to_explain: bool) -> str | None:
+    def _left(self, fit: Fit, to_explain: bool) -> Rejection | None:
         """What is said against a model by what its fit leaves. to_explain: whether that has to be nothing."""
         reason = leaves_something(self.current, fit, self.useful_error)
         if not reason and to_explain and not self.models.is_explained(fit):
-            reason = f"fitted jointly it leaves {fit.error:.4g} times the noise floor"
+            reason = Rejection(Reason.LEAVES_SOMETHING, {"after": fit.error})
         return reason
 
-    def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit, to_explain: bool) -> str | None:
+    def _unfit(
+        self, fit: Fit | None, added: Sequence[Placed], smaller: Fit, to_explain: bool
+    ) -> Rejection | None:
         """What its fit says against a model."""
         models, current = self.models, self.current
         reason = no_gain(current, fit, self._best) or slight(smaller, fit, REJECTION.material)
@@ -203,7 +206,7 @@ def _is_one_law(added: Sequence[Placed]) -> bool:
     return len({e.law for e in added}) == 1
 
 
-def _ended(model: BalancedModel, known: int, at_ends: Sequence[AtEnds]) -> str | None:
+def _ended(model: BalancedModel, known: int, at_ends: Sequence[AtEnds]) -> Rejection | None:
     """What the fit of some of the effects that come after the `known` said: that one of them has to be at the end of
     its range, if the balance has it there, too, and leaves more than the sensors' noise. Where nothing is left that
     says little.

@@ -11,6 +11,7 @@ from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.log_balance import smoothed_log
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.select.candidates import Candidate
+from capture_cli.select.reason import Reason, Rejection
 from capture_cli.select.score import Score
 
 
@@ -44,11 +45,11 @@ def score_in_balance(
     found = {a.placed.name: a for a in screening.additions(current.effects, current.values, polished)}
     for candidate in candidates:
         candidate.score = None
-        candidate.why_rejected = candidate.start_elsewhere = None
+        candidate.rejection = candidate.start_elsewhere = None
         candidate.shapes_tried = max(shapes_tried[candidate.name], 1)
         addition = found.get(candidate.name)
         if addition is None:
-            candidate.why_rejected = "it moves nothing in this log, or only with the wrong sign"
+            candidate.rejection = Rejection(Reason.NO_COLUMN)
             continue
         own = len(candidate.placed.effect.parameters)
         start = addition.model.start
@@ -57,7 +58,5 @@ def score_in_balance(
         candidate.score = Score(2 * addition.gain, amplitudes, moved, 1.0, addition.response)
         candidate.start = amplitudes
         if addition.gain <= 0:
-            candidate.why_rejected = (
-                f"blocks that were not fitted are not predicted better (log likelihood {addition.gain:.3g} "
-                f"with a standard error of {addition.error:.2g})"
-            )
+            facts = {"gain": addition.gain, "standard_error": addition.error}
+            candidate.rejection = Rejection(Reason.PREDICTS_NO_BETTER, facts)

@@ -28,6 +28,7 @@ from capture_cli.model.effects.placed import Placed
 from capture_cli.select.criterion import Support
 from capture_cli.select.log_parts import select_folds
 from capture_cli.select.narrow_peaks import NarrowPeaks
+from capture_cli.select.reason import Reason, Rejection
 from capture_cli.select.score import SETTINGS as SCORE
 from capture_cli.select.score import Score, score
 
@@ -71,7 +72,8 @@ class WORTH:
 
 
 # of a candidate, and of its score, what a round says
-SCORED = ("start", "start_elsewhere", "shapes_tried", "why_rejected")
+SCORED = ("start", "start_elsewhere", "shapes_tried")
+REJECTION = "rejection"
 SCORE_FIELDS = tuple(f.name for f in fields(Score))
 
 
@@ -88,7 +90,7 @@ class Candidate:
     fit: Fit | None = None
     select: PartFit | None = None
     support: Support | None = None
-    why_rejected: str | None = None
+    rejection: Rejection | None = None
     shapes_tried: int = 1
     start_elsewhere: np.ndarray | None = None
 
@@ -99,13 +101,16 @@ class Candidate:
 
 def told(candidate: Candidate) -> dict[str, Any]:
     """What its score says of it, by name; what is None is left out."""
-    return {**what_is_there(candidate, SCORED), **what_is_there(candidate.score, SCORE_FIELDS)}
+    out = {} if candidate.rejection is None else {REJECTION: candidate.rejection.document()}
+    return {**out, **what_is_there(candidate, SCORED), **what_is_there(candidate.score, SCORE_FIELDS)}
 
 
 def take(candidate: Candidate, value: Callable[[str], Any]) -> None:
     """Let its score say what was `told`, of which `value` gives what is called so, or None."""
     for name in SCORED:
         setattr(candidate, name, value(name))
+    out = value(REJECTION)
+    candidate.rejection = None if out is None else Rejection.from_document(out)
     candidate.score = None if value("gain") is None else Score(*map(value, SCORE_FIELDS))
 
 
@@ -220,7 +225,7 @@ def _as_driven(prepared: PreparedLog) -> mujoco.MjModel:
 def score_at_null(narrow: NarrowPeaks, candidate: Candidate) -> None:
     """Fill in the candidate's score and where a refit should start, or why it is out."""
     candidate.score = None
-    candidate.why_rejected = candidate.start_elsewhere = None
+    candidate.rejection = candidate.start_elsewhere = None
     shapes, tried = _shapes(narrow, candidate.placed.effect)
     candidate.shapes_tried = tried * len(candidate.placed.effect.states_scored)
     probed = _probed(narrow, candidate, shapes, SETTINGS.probes)
@@ -235,15 +240,13 @@ def score_at_null(narrow: NarrowPeaks, candidate: Candidate) -> None:
         candidate.score, candidate.start = believed[0]
         candidate.start_elsewhere = _at_another_peak(effect, [s for _, s in believed])
     if candidate.score is None:
-        candidate.why_rejected = "every simulation with it diverged"
+        candidate.rejection = Rejection(Reason.DIVERGED)
     elif not probed.moves:
-        candidate.why_rejected = "it moves no output of this log"
+        candidate.rejection = Rejection(Reason.MOVES_NOTHING)
     elif candidate.score.unabsorbed < WORTH.absorbed:
-        candidate.why_rejected = (
-            "parameters that are in the model imitate it: this log cannot tell it from them"
-        )
+        candidate.rejection = Rejection(Reason.IMITATED)
     elif candidate.score.gain < _least_gain(narrow.fit, candidate):
-        candidate.why_rejected = f"it explains nothing (score {candidate.score.gain:.2g})"
+        candidate.rejection = Rejection(Reason.NO_SCORE, {"score": candidate.score.gain})
 
 
 def _least_gain(fit: Fit, candidate: Candidate) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
+from capture_cli.select.reason import Reason, Rejection
 
 
 @frozen
@@ -39,7 +40,7 @@ class Support:
     bic_gain: float
     select_ratio: float | None
 
-    def reason_against(self) -> str | None:
+    def reason_against(self) -> Rejection | None:
         """Why the effect is not accepted, or None."""
         if self.p_select is not None and self.p_select > self._select_level:
             return self._reason_of_fit() or self._not_better()
@@ -49,22 +50,22 @@ class Support:
     def _select_level(self) -> float:
         return SETTINGS.entry_level if self.select_ratio < SETTINGS.halved else SETTINGS.select_level
 
-    def reason_against_entry(self) -> str | None:
+    def reason_against_entry(self) -> Rejection | None:
         """Why the effect may not even enter while others may still be missing, or None."""
         judged = self.p_select is not None
         if judged and self.p_select > SETTINGS.entry_level and self.select_ratio > SETTINGS.entry_ratio:
             return self._reason_of_fit() or self._not_better()
         return self._reason_of_fit()
 
-    def _reason_of_fit(self) -> str | None:
+    def _reason_of_fit(self) -> Rejection | None:
         if self.p_fit > SETTINGS.level:
-            return f"its size cannot be told from zero (p = {self.p_fit:.2g} over all candidates)"
+            return Rejection(Reason.NOT_FROM_ZERO, {"p": self.p_fit})
         if self.bic_gain <= 0:
-            return f"it is not worth its parameters (BIC rises by {-self.bic_gain:.3g})"
+            return Rejection(Reason.NOT_WORTH_PARAMETERS, {"bic": -self.bic_gain})
         return None
 
-    def _not_better(self) -> str:
-        return f"data that was not fitted is not explained better (p = {self.p_select:.2g})"
+    def _not_better(self) -> Rejection:
+        return Rejection(Reason.NOT_BETTER_HELD_OUT, {"p": self.p_select})
 
 
 def ratio_p_value(before: float, after: float, samples: float, added: int, candidates: int) -> float:

@@ -14,6 +14,7 @@ from capture_cli.model.effects.base import GLOBAL
 from capture_cli.select.candidates import Candidate, gain_of, score_at_null, take, told, worth_a_refit
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.narrow_peaks import NarrowPeaks
+from capture_cli.select.reason import Reason, Rejection
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import (
     leaves_something,
@@ -81,7 +82,7 @@ def _settles(coarser: Candidate, candidate: Candidate, held: Collection[str]) ->
     any other does.
     """
     fewer = 1 < coarser.placed.effect.substeps < candidate.placed.effect.substeps
-    return fewer and coarser.why_rejected is not None and coarser.name not in held
+    return fewer and coarser.rejection is not None and coarser.name not in held
 
 
 class ForwardRound(Round):
@@ -138,13 +139,11 @@ class ForwardRound(Round):
             self.on_step("refit", number, len(candidates))
             coarser = next((c for c in candidates if _settles(c, candidate, self._held)), None)
             if coarser is None:
-                candidate.why_rejected = self._refit(candidate, material)
+                candidate.rejection = self._refit(candidate, material)
             else:
-                candidate.why_rejected = (
-                    f"{coarser.name} takes half of what this does, or more, and does not hold"
-                )
+                candidate.rejection = Rejection(Reason.COARSER_DOES_NOT_HOLD, {"rival": coarser.name})
 
-    def _refit(self, candidate: Candidate, material: float) -> str | None:
+    def _refit(self, candidate: Candidate, material: float) -> Rejection | None:
         """Fit the model with the candidate in it, and judge; returns why it is out, or None. Stopped early where it
         stays far behind the best so far, or where its hidden states do not promise to take `material`.
         """

@@ -23,9 +23,7 @@ from capture_cli.select.candidates import Candidate
 from capture_cli.select.criterion import SETTINGS as CRITERION
 from capture_cli.select.criterion import Support, bic_gain, paired_p_value, ratio_p_value
 from capture_cli.select.log_parts import Folds
-
-BETTER, TIED = "better", "tied with {mine}: this log cannot tell them apart"
-WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"
+from capture_cli.select.reason import Reason
 
 
 @frozen
@@ -407,7 +405,7 @@ class ModelComparison:
         beaten: list[Candidate] = []
         while True:
             left = [c for c in others if not any(c is b for b in beaten)]
-            better = next((c for c in left if self.compare(mine, c) == BETTER), None)
+            better = next((c for c in left if self.compare(mine, c) is None), None)
             if better is None:
                 break
             beaten.append(mine)
@@ -425,11 +423,13 @@ class ModelComparison:
             places == [False, True]
             and more == 0
             and gain > -SETTINGS.as_plain
-            and self.compare(mine, other) == TIED
+            and self.compare(mine, other) == Reason.TIED
         )
 
-    def compare(self, mine: Candidate, other: Candidate) -> str:
-        """Whether `other` is BETTER in the place of `mine`, or TIED with it, or why it is neither."""
+    def compare(self, mine: Candidate, other: Candidate) -> Reason | None:
+        """Why `other` is no better in the place of `mine`: it is tied with it, or does less, or has more parameters.
+        None where it is better.
+        """
         more, gain = self._more_and_gain(mine, other)
         whole = self._whole(mine, other)
         if more > 0 and whole < SETTINGS.clearly_better:
@@ -437,15 +437,15 @@ class ModelComparison:
             # what more parameters are worth to windows that no fit saw is no matter of their number
             is_ahead = mine.select is not None and self._behind(mine, other) < -SETTINGS.as_likely
             can_be = is_same or is_ahead or whole > 0
-            return TIED if can_be and self._indistinct(mine, other) else NOT_WORTH_IT
+            return Reason.TIED if can_be and self._indistinct(mine, other) else Reason.MORE_PARAMETERS
         if not self._indistinct(mine, other):
             # where fitted and judging windows disagree, the sum of both decides
             if min(abs(gain), abs(whole)) <= SETTINGS.strong:
-                return TIED
-            return WORSE if whole < 0 else BETTER
+                return Reason.TIED
+            return Reason.EXPLAINS_LESS if whole < 0 else None
         if abs(gain) > SETTINGS.clearly_better + chance(mine.fit, other.fit):
-            return WORSE if gain < 0 else BETTER
-        return TIED
+            return Reason.EXPLAINS_LESS if gain < 0 else None
+        return Reason.TIED
 
 
 def initial_states_found(folds: Folds, fitted: np.ndarray, judged: np.ndarray | None) -> np.ndarray:

@@ -8,6 +8,7 @@ from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.solve.intervals import intervals
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.model_comparison import ModelComparison
+from capture_cli.select.reason import Reason, Rejection
 
 
 @frozen
@@ -20,7 +21,7 @@ class SETTINGS:
     near_bound: float = 1e-3
 
 
-def out_of_range(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:
+def out_of_range(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> Rejection | None:
     """What the values in `fit` say against an effect, over `current` without it, or None.
 
     Where something is left: that it is at a bound, or drives a declared parameter to one. Where nothing is, that is
@@ -33,24 +34,27 @@ def out_of_range(models: ModelComparison, current: Fit, fit: Fit, placed: Placed
     if vague or models.is_explained(fit):
         return vague
     doubt = effect.doubt(values, models.fits.prepared.log.longest)
-    if doubt or ends:
-        return doubt or next(iter(ends.values()))
+    if doubt:
+        return Rejection(Reason.NOT_BELIEVED, {"text": doubt})
+    if ends:
+        return next(iter(ends.values()))
     x, was = fit.space.to_unit(fit.point), current.at.x
     determined = intervals(fit.at).identifiable
     for i in range(len(current.point)):
         at_bound = min(x[i], 1 - x[i]) < SETTINGS.near_bound <= min(was[i], 1 - was[i])
         bound = fit.space.low[i] if x[i] < 0.5 else fit.space.high[i]
         if determined[i] and bound != 0 and at_bound:
-            return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
+            facts = {"parameter": fit.space.names[i], "value": float(fit.point[i])}
+            return Rejection(Reason.DRIVES_TO_BOUND, facts)
     return None
 
 
-def at_end(placed: Placed, values: np.ndarray) -> dict[str, str]:
-    """Parameters of an effect at `values` (parameter,) that are at the end of their range, other than at null, and how
-    to say so.
+def at_end(placed: Placed, values: np.ndarray) -> dict[str, Rejection]:
+    """Parameters of an effect at `values` (parameter,) that are at the end of their range, other than at null, and what
+    that says against it.
     """
     return {
-        name: f"it would have to be at the end of its range ({placed.name}.{name} = {value:.3g})"
+        name: Rejection(Reason.AT_END, {"parameter": f"{placed.name}.{name}", "value": value})
         for (name, _), value in ends(placed, values).items()
     }
 
@@ -77,31 +81,28 @@ def as_good_error(current: Fit) -> float:
     return max(needed_error(current, -SETTINGS.material), lack_of_fit(current.at).threshold)
 
 
-def no_gain(current: Fit, fit: Fit | None, rival: Fit | None) -> str | None:
+def no_gain(current: Fit, fit: Fit | None, rival: Fit | None) -> Rejection | None:
     """Why `fit` explains no more than `current`, or None; rival: behind which it may have been stopped early."""
     if fit is not None and fit.promised is not None:
-        return f"its score test promises {fit.promised:.4g} noise floors where {current.error:.4g} are left: too little"
+        return Rejection(Reason.PROMISES_TOO_LITTLE, {"promised": fit.promised, "left": current.error})
     if fit is not None and fit.penalised_squares < current.penalised_squares:
         return None
     if fit is not None and not fit.finished and rival is not None:
-        return f"fitted jointly it stays far behind {rival.effects[-1].name}"
-    return "fitted jointly it explains nothing more"
+        return Rejection(Reason.FAR_BEHIND, {"rival": rival.effects[-1].name})
+    return Rejection(Reason.NO_GAIN)
 
 
-def slight(current: Fit, fit: Fit, material: float) -> str | None:
+def slight(current: Fit, fit: Fit, material: float) -> Rejection | None:
     """Why `fit`, which has to take this share, is no explanation of what `current` leaves above the noise, or None."""
     taken = current.excess - fit.excess
     if taken >= material * current.excess:
         return None
     share = taken / max(current.excess, abs(taken))
-    return f"it takes {share:.1%} of what is above the noise floor: that is no explanation of it"
+    return Rejection(Reason.SLIGHT, {"share": share})
 
 
-def leaves_something(current: Fit, fit: Fit, useful_error: float) -> str | None:
+def leaves_something(current: Fit, fit: Fit, useful_error: float) -> Rejection | None:
     """What speaks against a `fit` that takes little of what the declared model left and is not below `useful_error`."""
     if fit.error <= useful_error:
         return None
-    return (
-        f"the model without it leaves little, {current.error:.3g} times the noise floor, and with it {fit.error:.3g} "
-        "are left all the same: a correction of a model that is wrong otherwise"
-    )
+    return Rejection(Reason.LITTLE_WAS_LEFT, {"before": current.error, "after": fit.error})

@@ -9,6 +9,7 @@ from capture_cli.estimate.fit import Fit
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
+from capture_cli.select.reason import Reason, Rejection
 from capture_cli.select.rejection import out_of_range
 from capture_cli.select.score import Score
 
@@ -66,7 +67,7 @@ class Round:
         names, rivals = [e.name for e in chosen.added], []
         for other in sorted(self.supported, key=lambda s: s.fit.penalised_squares):
             if len(other.added) == 1 and other.added[0].name not in names:
-                self._reject(other.added, f"{' and '.join(names)} explains as much with less, or more")
+                self._reject(other.added, Rejection(Reason.LESS_DOES_IT, {"best": " and ".join(names)}))
                 rivals.append(replace(self.candidates[other.added[0].name]))
         unfitted = self._reject_unfitted(names)
         if len(names) > 1:
@@ -74,7 +75,7 @@ class Round:
         rivals = rivals[: SETTINGS.rivals]
         return chosen, [*rivals, *_alike(unfitted, [self.candidates[names[0]], *rivals])]
 
-    def _judged(self, added: Sequence[Placed], fit: Fit) -> tuple[str | None, FittedSet | None]:
+    def _judged(self, added: Sequence[Placed], fit: Fit) -> tuple[Rejection | None, FittedSet | None]:
         """What simulations of other windows say against the effects `added` in `fit`; where that is nothing, these with
         `fit`, or where the escape from its minimum leads.
         """
@@ -85,25 +86,25 @@ class Round:
         fit = self.models.escaped(fit, self._best, self.useful_error)
         return None, FittedSet(tuple(added), fit, self.models.judge(fit), support)
 
-    def _out_of_range(self, added: Sequence[Placed], fit: Fit) -> str | None:
+    def _out_of_range(self, added: Sequence[Placed], fit: Fit) -> Rejection | None:
         """What the values in `fit` say against one of the effects `added`."""
         return next((why for e in added if (why := out_of_range(self.models, self.current, fit, e))), None)
 
-    def _reject(self, added: Sequence[Placed], reason: str) -> None:
+    def _reject(self, added: Sequence[Placed], reason: Rejection) -> None:
         """Say why an effect is out; of several at once none is out for that."""
         if len(added) == 1:
-            self.candidates[added[0].name].why_rejected = reason
+            self.candidates[added[0].name].rejection = reason
 
     def _reject_unfitted(self, names: Sequence[str]) -> list[Candidate]:
         """Say why candidates are out that nothing else is said of, but those called `names`; they are returned."""
-        found = [c for c in self.ranked if c.why_rejected is None and c.name not in names]
+        found = [c for c in self.ranked if c.rejection is None and c.name not in names]
         reject_at_first_sight(found, self.ranked)
         return found
 
 
 def by_score(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Those that their scores speak for, best first."""
-    return sorted((c for c in candidates if c.why_rejected is None), key=lambda c: -c.score.gain)
+    return sorted((c for c in candidates if c.rejection is None), key=lambda c: -c.score.gain)
 
 
 def do_the_same(one: Score, other: Score) -> bool:
@@ -115,7 +116,7 @@ def reject_at_first_sight(candidates: Sequence[Candidate], ranked: Sequence[Cand
     """Say of candidates that were not worth a fit by how much the best of the `ranked` is ahead of them."""
     for candidate in candidates:
         gain, most = candidate.score.gain, ranked[0].score.gain
-        candidate.why_rejected = f"explains no more at first sight ({gain:.3g}; {most:.3g} the best)"
+        candidate.rejection = Rejection(Reason.BEHIND_AT_FIRST_SIGHT, {"score": gain, "most": most})
 
 
 def _alike(unfitted: Sequence[Candidate], held: Sequence[Candidate]) -> list[Candidate]:

@@ -33,7 +33,8 @@ from capture_cli.select.forward_round import SETTINGS as FORWARD_ROUND
 from capture_cli.select.forward_round import ForwardRound, Scores
 from capture_cli.select.log_parts import Folds
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
-from capture_cli.select.model_comparison import TIED, WORSE, FittedSet, ModelComparison
+from capture_cli.select.model_comparison import FittedSet, ModelComparison
+from capture_cli.select.reason import Reason, Rejection
 from capture_cli.select.rejection import SETTINGS as REJECTION
 from capture_cli.select.rejection import as_good_error, out_of_range, slight
 from capture_cli.select.round import SETTINGS as ROUND
@@ -62,9 +63,7 @@ class SETTINGS:
     contradicts: float = 1.0
 
 
-ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
-NOT_ASKED = "not asked: simulations alone tell of it, and the force balance found another"
-STEPS_AS_WELL = "{mine} does as well, and so do steps of this length"
+NOT_ASKED = Rejection(Reason.NOT_ASKED)
 
 
 @dataclass
@@ -135,8 +134,8 @@ class Attribution:
             last = self._with_what_holds(last)
             inside = {a.name for a in self.accepted}
             for candidate in self.candidates:
-                if candidate.name not in inside and candidate.why_rejected is None:
-                    candidate.why_rejected = "not decided: the time was over"
+                if candidate.name not in inside and candidate.rejection is None:
+                    candidate.rejection = Rejection(Reason.OUT_OF_TIME)
             return last
 
     def _with_what_holds(self, last: Fit) -> Fit:
@@ -225,7 +224,7 @@ class Attribution:
         return {
             c.name
             for c, size in zip(asked, sizes, strict=True)
-            if c.why_rejected is None and tried * chdtrc(max(size, 1), c.score.gain) < SETTINGS.by_chance
+            if c.rejection is None and tried * chdtrc(max(size, 1), c.score.gain) < SETTINGS.by_chance
         }
 
     @property
@@ -248,10 +247,7 @@ class Attribution:
             if without is None:
                 break
             self.accepted.remove(accepted)
-            self._candidate(accepted.name).why_rejected = (
-                f"it takes {accepted.share:.1%} of what the declared model left above the noise floor, and with it "
-                "something is left all the same: a correction of a model that is wrong otherwise"
-            )
+            self._candidate(accepted.name).rejection = Rejection(Reason.MINOR, {"share": accepted.share})
             current = without
         return current
 
@@ -285,11 +281,11 @@ class Attribution:
                 continue
             current = fit
             self.accepted.remove(accepted)
-            everywhere.why_rejected = "better at each of its places on its own"
+            everywhere.rejection = Rejection(Reason.BETTER_APART)
             share = accepted.share / len(places)
             for place in places:
                 candidate = self._candidate(place.name)
-                candidate.why_rejected = None
+                candidate.rejection = None
                 self.accepted.append(
                     replace(accepted, placed=place, score=candidate.score, rivals=[], share=share)
                 )
@@ -384,7 +380,7 @@ class Attribution:
             return None
         for candidate in self._outside:
             if candidate.name not in balance.candidates:
-                candidate.why_rejected = NOT_ASKED
+                candidate.rejection = NOT_ASKED
         return choice
 
     def _with(self, chosen: FittedSet, rivals: list[Candidate], current: Fit) -> Fit:
@@ -392,7 +388,7 @@ class Attribution:
         share = (current.excess - chosen.fit.excess) / self.models.excess / len(chosen.added)
         for placed in chosen.added:
             candidate = self._candidate(placed.name)
-            candidate.why_rejected = None
+            candidate.rejection = None
             self.accepted.append(Accepted(placed, candidate.score, rivals, chosen.support, share))
         return chosen.fit
 
@@ -441,7 +437,7 @@ class Attribution:
         takes = SETTINGS.asked_again * FORWARD_ROUND.promised * REJECTION.material * current.excess
         little = [c for c in candidates if self._promised.get(c.name, np.inf) < takes]
         for candidate in little:
-            candidate.why_rejected = "its score beside fewer effects promised far less than a fit takes"
+            candidate.rejection = Rejection(Reason.PROMISED_LITTLE)
         return [c for c in candidates if self._promised.get(c.name, np.inf) >= takes]
 
     # --- backward ---
@@ -486,8 +482,7 @@ class Attribution:
             count //= 2
         for accepted, _ in idle[:count]:
             self.accepted.remove(accepted)
-            reason = accepted.support.reason_against()
-            self._candidate(accepted.name).why_rejected = f"with the other effects in: {reason}"
+            self._candidate(accepted.name).rejection = accepted.support.reason_against().with_others()
         return left
 
     def _support(
@@ -594,10 +589,10 @@ class Attribution:
         accepted.rivals = [*accepted.rivals, *new]
         reject_at_first_sight([c for c in ranked if c not in new], [most])
         for candidate in others:
-            does_not_hold = f"fitted in the place of {accepted.name} it does not hold"
+            does_not_hold = Rejection(Reason.DOES_NOT_HOLD, {"place": accepted.name})
             own = self._candidate(candidate.name)
-            if own.why_rejected in (None, NOT_ASKED):
-                own.why_rejected = candidate.why_rejected or does_not_hold
+            if own.rejection in (None, NOT_ASKED):
+                own.rejection = candidate.rejection or does_not_hold
 
     def _rest(self, current: Fit, accepted: Accepted, without: Fit) -> Fit:
         """The model `without` an accepted effect: where the others are in the `current` model, if that explains the
@@ -651,22 +646,26 @@ class Attribution:
             best, others = self.models.best(self._candidate_of(current, accepted), others)
             best, others = self.models.best(best, [self._again_from(best, other) for other in others])
             for other in others:
-                verdict = self.models.compare(best, other)
-                if verdict == TIED and _are_steps(best.placed, other.placed):
-                    verdict = STEPS_AS_WELL
-                enough = verdict == WORSE and self.models.is_explained(other.fit)
-                self._candidate(other.name).why_rejected = (
-                    verdict.format(mine=best.name) + ALSO_ENOUGH * enough
-                )
-                if verdict == TIED:
+                reason = self._why_no_better(best, other)
+                self._candidate(other.name).rejection = Rejection(reason, {"best": best.name})
+                if reason == Reason.TIED:
                     accepted.tied.append(other)
             if best.name != accepted.name:
-                self._candidate(best.name).why_rejected = None
+                self._candidate(best.name).rejection = None
                 tried = {best.name, *(other.name for other in others)}
                 accepted.rivals = [*others, *(r for r in accepted.rivals if r.name not in tried)]
                 accepted.placed, accepted.score, accepted.support = best.placed, best.score, best.support
                 current = best.fit
         return current
+
+    def _why_no_better(self, best: Candidate, other: Candidate) -> Reason:
+        """What speaks against `other` in the place of the `best`: one that was beaten may do better than that again."""
+        reason = self.models.compare(best, other)
+        if reason == Reason.TIED and _are_steps(best.placed, other.placed):
+            return Reason.STEPS_AS_WELL
+        if reason == Reason.EXPLAINS_LESS and self.models.is_explained(other.fit):
+            return Reason.EXPLAINS_ENOUGH
+        return reason or Reason.BEATEN
 
     def _candidate_of(self, fit: Fit, accepted: Accepted) -> Candidate:
         start, select = fit.point[fit.columns(accepted.name)], self.models.judge(fit)

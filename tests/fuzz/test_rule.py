@@ -96,7 +96,9 @@ def test_what_does_not_keep_to_the_rule_is_seen(tmp_path, monkeypatch, main, cas
     monkeypatch.setattr(forked_run, "_main", main)
     # beyond what this process has itself, of which a fork of it begins with as much
     monkeypatch.setattr(rule, "MOST_MEMORY", 1 << 30)
-    monkeypatch.setattr(forked_run.run, "__kwdefaults__", {"enter": None, "seconds": 4.0})  # to fill a GiB, on a busy machine
+    monkeypatch.setattr(
+        forked_run.run, "__kwdefaults__", {"enter": None, "seconds": 4.0}
+    )  # to fill a GiB, on a busy machine
     outcome = attempt(case, tmp_path, tmp_path / "place")
     assert {kind for kind, _ in outcome.faults} >= ({fault} if fault else set())
     assert bool(outcome.faults) is bool(fault), outcome.faults

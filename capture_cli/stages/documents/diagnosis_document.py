@@ -11,6 +11,7 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.intervals import Intervals
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.report.diagnosis_findings import summary
+from capture_cli.report.rejection_sentences import sentence
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.explanation import Explanation, Expression, JudgedModel
 from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
@@ -156,12 +157,14 @@ def _effect(accepted: Accepted, after: Fit, sure: Intervals, log: MeasuredLog) -
 
 def _candidate(candidate: Candidate) -> dict[str, Any]:
     select = candidate.select
+    rejection = None if candidate.rejection is None else candidate.rejection.document()
     return {
         "effect": candidate.placed.kind,
         "site": candidate.placed.effect.site,
         "score": None if candidate.score is None else candidate.score.gain,
         "refit_select_error": None if select is None else select.normalized,
-        "why_rejected": candidate.why_rejected,
+        "rejection": rejection,
+        "why_rejected": sentence(rejection),
     }
 
 
