@@ -26,7 +26,7 @@ def diagnose(log: MeasuredLog, task: Task, seed: int) -> dict[str, Any]:
 
 def look_among(patch: pytest.MonkeyPatch, *kinds: str) -> None:
     """Effects of these kinds are all that diagnoses look for from here on."""
-    for module in ("select.search", "stages.diagnose"):
+    for module in ("select.search.attribution", "stages.diagnose"):
         patch.setattr(
             f"capture_cli.{module}.all_candidates",
             lambda log: [c for c in all_candidates(log) if c.placed.kind in kinds],

@@ -46,14 +46,14 @@ from capture_cli.select.candidates import Candidate, all_candidates, worth_a_ref
 from capture_cli.select.criterion import bic_gain, paired_p_value, ratio_p_value
 from capture_cli.select.explain import Settings
 from capture_cli.select.explanation import verdict as judged_as
+from capture_cli.select.fit_checks import SETTINGS as FIT_CHECKS
+from capture_cli.select.fit_checks import slight
 from capture_cli.select.log_parts import FIT, SELECT, TEST, Folds
 from capture_cli.select.model_comparison import initial_states_found
-from capture_cli.select.rejection import SETTINGS as REJECTION
-from capture_cli.select.rejection import slight
 from capture_cli.select.residual_curves import SETTINGS as RESIDUAL_CURVES
 from capture_cli.select.residual_curves import accelerations, curve, largest_around, residual_curves
 from capture_cli.select.score import Score, score
-from capture_cli.select.search import Accepted
+from capture_cli.select.search.answer import Accepted
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose, diagnose_prepared
 from capture_cli.stages.identify import identify
@@ -234,11 +234,11 @@ def test_episodes_that_start_elsewhere_and_copies_are_no_repeats():
     [(10.0, 9.6, True), (10.0, 9.3, False), (1.12, 1.0, False), (1.12, 1.11, True), (3.0, 1.0, False)],
 )
 def test_an_effect_has_to_take_a_tenth_of_what_is_above_the_floor(before, after, is_slight):
-    why = slight(left_by([before]), left_by([after]), REJECTION.material)
+    why = slight(left_by([before]), left_by([after]), FIT_CHECKS.material)
     assert (why is not None) == is_slight
     # nor does it matter how far below its floor another output is
     assert (
-        slight(left_by([before, 0.3, 0.3]), left_by([after, 0.3, 0.3]), REJECTION.material) is not None
+        slight(left_by([before, 0.3, 0.3]), left_by([after, 0.3, 0.3]), FIT_CHECKS.material) is not None
     ) == is_slight
 
 

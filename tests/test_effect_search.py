@@ -28,15 +28,19 @@ from capture_cli.log.input_sequences import HELD
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.finer_time_step import FinerTimeStep
 from capture_cli.model.effects.placed import Placed
-from capture_cli.select import balance_round, search
-from capture_cli.select.balance_round import _ended, _ends
 from capture_cli.select.candidates import Candidate, all_candidates
-from capture_cli.select.forward_round import _settles
 from capture_cli.select.log_parts import Folds, LogParts
 from capture_cli.select.model_comparison import ModelComparison
 from capture_cli.select.reason import Reason, Rejection
 from capture_cli.select.score import Score
-from capture_cli.select.search import Accepted, Attribution
+from capture_cli.select.search import attribution as attribution_module
+from capture_cli.select.search import balance_round, rivals
+from capture_cli.select.search.answer import Accepted
+from capture_cli.select.search.attribution import Attribution
+from capture_cli.select.search.balance_round import _ended, _ends
+from capture_cli.select.search.extension import NOT_ASKED, Extension
+from capture_cli.select.search.forward_round import _settles
+from capture_cli.select.search.removal import backward, without_minor
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
@@ -234,11 +238,11 @@ def test_an_effect_is_dropped_that_led_out_of_a_poor_minimum(attribution, monkey
         data = replace(found.at.data, initial_step=LINEARIZATION.rough_initial_step)
         found = replace(found, at=replace(found.at, data=data))
     selection.models.know(without)
-    selection.accepted = [Accepted(effect, None, [], None, 0.9)]
+    selection.answer.accepted = [Accepted(effect, None, [], None, 0.9)]
     monkeypatch.setattr(selection.models, "judge", lambda _: None)
     monkeypatch.setattr(selection.models, "better_from", lambda *_: again)
-    assert selection._backward(found) is (found if kept else again)
-    assert len(selection.accepted) == kept
+    assert backward(selection.answer, found) is (found if kept else again)
+    assert len(selection.answer.accepted) == kept
 
 
 @pytest.mark.parametrize(("together", "kept"), [(1.0, ["coulomb"]), (12.0, ["coulomb", "constant"])])
@@ -261,10 +265,10 @@ def test_effects_are_dropped_together_as_far_as_nothing_speaks_for_them_together
     fits = {effects: fit_leaving(squares * SAMPLES, *effects) for effects, squares in left.items()}
     for fit in fits.values():
         selection.models.know(fit)
-    selection.accepted = [Accepted(effect, None, [], None, 0.3) for effect in every]
+    selection.answer.accepted = [Accepted(effect, None, [], None, 0.3) for effect in every]
     monkeypatch.setattr(selection.models, "judge", lambda _: None)
-    last = selection._backward(fits[every])
-    assert [a.placed.kind.split("-")[0] for a in selection.accepted] == kept
+    last = backward(selection.answer, fits[every])
+    assert [a.placed.kind.split("-")[0] for a in selection.answer.accepted] == kept
     assert [e.kind.split("-")[0] for e in last.effects] == kept
 
 
@@ -287,11 +291,11 @@ def test_minor_effects_stand_only_where_they_explain(attribution, shares, error,
         fit = fit_leaving((error + 0.1 * (len(shares) - count)) ** 2 * SAMPLES, *effects[:count])
         selection.models.know(fit)
     pairs = zip(effects, shares, strict=False)
-    selection.accepted = [Accepted(p, None, [], None, share) for p, share in pairs]
+    selection.answer.accepted = [Accepted(p, None, [], None, share) for p, share in pairs]
     assert selection.models.is_explained(fit) == (error == 1.0)
-    fit = selection._without_minor(fit)
-    assert fit.effects == tuple(a.placed for a in selection.accepted) == tuple(effects[:kept])
-    reasons = [c.rejection for c in selection.candidates]
+    fit = without_minor(selection.answer, fit)
+    assert fit.effects == tuple(a.placed for a in selection.answer.accepted) == tuple(effects[:kept])
+    reasons = [c.rejection for c in selection.answer.candidates]
     assert reasons[:kept] == [None] * kept and all(r.reason == Reason.MINOR for r in reasons[kept:])
 
 
@@ -301,19 +305,19 @@ def test_a_rival_that_is_not_as_good_may_be_enough(attribution, monkeypatch, err
     lag, delay = (of_slider(f"control-{kind}@drive") for kind in ("lag", "delay"))
     selection = attribution([lag, delay])
     rival = Candidate(delay, score_with(np.ones(2)), start=np.full(1, 0.01))
-    selection.accepted = [Accepted(lag, score_with(np.ones(2)), [rival], None, 0.9)]
+    selection.answer.accepted = [Accepted(lag, score_with(np.ones(2)), [rival], None, 0.9)]
     current = fit_leaving(SAMPLES, lag)
     for fit in (current, fit_leaving(400 * SAMPLES), fit_leaving(error**2 * SAMPLES, delay)):
         selection.models.know(fit)
-    assert selection._compare_with_rivals(current, selection.accepted) is current
-    rejection = selection.candidates[1].rejection
+    assert selection.rivals.compare(current, selection.answer.accepted) is current
+    rejection = selection.answer.candidates[1].rejection
     assert rejection.facts == {"best": "control-lag@drive"}
     assert rejection.reason == (Reason.EXPLAINS_ENOUGH if enough else Reason.EXPLAINS_LESS)
     # a third was better than the rival, and the effect better than that third: the rival may do better than the effect
     monkeypatch.setattr(selection.models, "best", lambda mine, others: (mine, others))
     monkeypatch.setattr(selection.models, "compare", lambda mine, other: None)
-    selection._compare_with_rivals(current, selection.accepted)
-    assert selection.candidates[1].rejection == Rejection(Reason.BEATEN, {"best": "control-lag@drive"})
+    selection.rivals.compare(current, selection.answer.accepted)
+    assert selection.answer.candidates[1].rejection == Rejection(Reason.BEATEN, {"best": "control-lag@drive"})
 
 
 @pytest.mark.parametrize(
@@ -343,15 +347,15 @@ def test_what_simulations_alone_tell_of_is_a_rival_of_what_the_balance_found(
                 candidate.score = None if gain is None else score_with(response, gain)
                 candidate.rejection = Rejection(Reason.DIVERGED) if (gain or 0.0) < 20 else None
 
-    monkeypatch.setattr(search, "Scores", FakeScores)
+    monkeypatch.setattr(rivals, "Scores", FakeScores)
     selection = attribution([spring, hard])
-    selection.candidates[1].rejection = search.NOT_ASKED
-    selection.accepted = [Accepted(spring, None, [], None, 0.9)]
+    selection.answer.candidates[1].rejection = NOT_ASKED
+    selection.answer.accepted = [Accepted(spring, None, [], None, 0.9)]
     selection.models.know(fit_leaving(400 * SAMPLES))
-    selection._ask_simulations_for_rivals(fit_leaving(SAMPLES, spring), selection.accepted[0])
-    assert [r.name for r in selection.accepted[0].rivals] == [hard.name] * asked
+    selection.rivals._ask_simulations_for_rivals(fit_leaving(SAMPLES, spring), selection.answer.accepted[0])
+    assert [r.name for r in selection.answer.accepted[0].rivals] == [hard.name] * asked
     expected = Reason.DOES_NOT_HOLD if asked else Reason.BEHIND_AT_FIRST_SIGHT
-    assert selection.candidates[1].rejection.reason == expected
+    assert selection.answer.candidates[1].rejection.reason == expected
 
 
 def test_what_ended_at_a_limit_is_not_fitted_in_a_larger_set_that_has_it_there():
@@ -397,7 +401,7 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
     rounds, compared, begun = {}, [], []
     score, balance_round_of, compare = (
         balance_round.score_in_balance,
-        Attribution._balance_round,
+        Extension._balance_round,
         ModelComparison.compare,
     )
 
@@ -417,13 +421,13 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
         return compare(self, mine, other)
 
     few = ("control-delay", "sensor-delay", "control-lag", "coulomb-friction")
-    catalogue = search.all_candidates
+    catalogue = attribution_module.all_candidates
     monkeypatch.setattr(
-        search, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+        attribution_module, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     monkeypatch.setattr(balance_round, "score_in_balance", tagged)
-    monkeypatch.setattr(search, "score_in_balance", tagged)
-    monkeypatch.setattr(Attribution, "_balance_round", begin)
+    monkeypatch.setattr(rivals, "score_in_balance", tagged)
+    monkeypatch.setattr(Extension, "_balance_round", begin)
     monkeypatch.setattr(ModelComparison, "compare", judged)
     effects = ["control-delay@drive=0.006", "coulomb-friction@x=0.1"]
     log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider", 0.005))
@@ -443,9 +447,9 @@ def test_an_effect_of_all_sensors_is_tried_at_each_that_is_in_the_log(
     slider_task.write_text(
         slider_task.read_text().replace(outputs, outputs + '[outputs.v]\ncolumn = "v"\nunit = "m/s"\n')
     )
-    catalogue = search.all_candidates
+    catalogue = attribution_module.all_candidates
     monkeypatch.setattr(
-        search,
+        attribution_module,
         "all_candidates",
         lambda log: [c for c in catalogue(log) if c.placed.kind == "sensor-delay"],
     )
@@ -467,13 +471,13 @@ def test_an_effect_of_all_sensors_is_tried_at_each_that_is_in_the_log(
 )
 def test_what_is_missing_at_every_joint_is_found_at_once(tmp_path, monkeypatch, without_pages, effects):
     """A law at both joints, and two effects of two kinds, of which the first is not spread to other places."""
-    catalogue, balance_round_of, begun = search.all_candidates, Attribution._balance_round, []
+    catalogue, balance_round_of, begun = attribution_module.all_candidates, Extension._balance_round, []
     few = ("coulomb-friction", "sensor-delay", "viscous-damping")
     monkeypatch.setattr(
-        search, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+        attribution_module, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     monkeypatch.setattr(
-        Attribution, "_balance_round", lambda self, fit: begun.append(fit) or balance_round_of(self, fit)
+        Extension, "_balance_round", lambda self, fit: begun.append(fit) or balance_round_of(self, fit)
     )
     log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "arm", "arm", 0.002))
     record(task=task, out=log, effects=effects, noise=1e-4, episodes=4, duration=2, rate=100, threads=1)
@@ -486,9 +490,9 @@ def test_a_law_that_simulations_alone_tell_of_is_found_at_every_joint_in_one_rou
     tmp_path, monkeypatch, without_pages
 ):
     """Friction that holds harder than MuJoCo's shows where joints rest: the balance has no rows of that."""
-    catalogue, few = search.all_candidates, ("friction-hardness", "coulomb-friction")
+    catalogue, few = attribution_module.all_candidates, ("friction-hardness", "coulomb-friction")
     monkeypatch.setattr(
-        search, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+        attribution_module, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     log, task = tmp_path / "log.zarr", held_machine(tmp_path / "arm", "arm", 0.002)
     model = task.with_name("model.xml")
@@ -500,9 +504,9 @@ def test_a_law_that_simulations_alone_tell_of_is_found_at_every_joint_in_one_rou
 
 
 def test_what_parameters_stand_in_for_is_found_where_they_leave_nothing(tmp_path, monkeypatch, without_pages):
-    catalogue, few = search.all_candidates, ("quadratic-drag", "coulomb-friction", "sensor-delay")
+    catalogue, few = attribution_module.all_candidates, ("quadratic-drag", "coulomb-friction", "sensor-delay")
     monkeypatch.setattr(
-        search, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+        attribution_module, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider", 0.002))
     drag = ["quadratic-drag@x=0.3"]
@@ -517,9 +521,9 @@ def test_a_simpler_effect_is_asked_where_the_balance_prefers_one_with_more_param
     tmp_path, monkeypatch, without_pages
 ):
     """A filter as slow as this is beyond first order, and a compliance, which has four parameters, bends as it does."""
-    catalogue, few = search.all_candidates, ("compliance", "sensor-low-pass")
+    catalogue, few = attribution_module.all_candidates, ("compliance", "sensor-low-pass")
     monkeypatch.setattr(
-        search, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+        attribution_module, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider", 0.005))
     effects = ["sensor-low-pass@q=0.045"]
@@ -541,7 +545,7 @@ def test_rivals_of_a_rival_that_takes_the_place_of_an_effect_are_asked():
     declared = fits.fit(parts.fitted, [], task.space.nominal, effort=Effort(tolerance=FIT.exact))
     attribution = Attribution(fits, parts.folds, seed=0, candidates=few)
     attribution.run(declared)
-    (found,) = attribution.accepted
+    (found,) = attribution.answer.accepted
     assert "spring-preload@mcp" in [found.name, *found.tied_with]
 
 
@@ -559,7 +563,7 @@ def test_simulations_contradict_the_balance_between_commands_that_are_held_for_l
     found = fits.fit(parts.fitted, [bias], start, effort=Effort(tolerance=FIT.exact))
     attribution = Attribution(fits, parts.folds, seed=0, candidates=few)
     assert attribution.models.is_explained(found)
-    assert attribution._contradicts_balance(found) is contradicts
+    assert attribution.rivals._contradicts_balance(found) is contradicts
 
 
 LATE = (
@@ -583,9 +587,9 @@ LATE = (
 )
 def test_what_is_far_too_late_is_found(effect, found, tmp_path, monkeypatch, without_pages):
     """Fits from a small delay do not get there: a sixth of a second is several turns of what drives the machine."""
-    catalogue = search.all_candidates
+    catalogue = attribution_module.all_candidates
     monkeypatch.setattr(
-        search, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in LATE]
+        attribution_module, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in LATE]
     )
     log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider", 0.005))
     record(task=task, out=log, effects=[effect], noise=1e-3, episodes=3, duration=4, rate=100)

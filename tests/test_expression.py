@@ -14,9 +14,9 @@ from capture_cli.estimate.balance.recorded_world import RecordedWorld
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.model.effects._scales import characteristic_speed
 from capture_cli.model.tasks import load_task
-from capture_cli.select import search as attribution
 from capture_cli.select.expression import SETTINGS as EXPRESSION
 from capture_cli.select.expression import expression_terms, formula
+from capture_cli.select.search import attribution
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record

@@ -28,7 +28,7 @@ from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select import input_readings
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.input_readings import held_instead, timings_with_effects
-from capture_cli.select.search import Accepted
+from capture_cli.select.search.answer import Accepted
 from capture_cli.select.time_limit import TimeLimit
 from capture_cli.stages.diagnose import _prepared
 from capture_cli.stages.log_to_fit import LogToFit

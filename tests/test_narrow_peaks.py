@@ -18,14 +18,15 @@ from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
-from capture_cli.select import search as search_module
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.log_parts import select_folds
 from capture_cli.select.narrow_peaks import NarrowPeaks, _peaks
 from capture_cli.select.pulses import SETTINGS as PULSES
 from capture_cli.select.pulses import PulseResponse, Pulses
 from capture_cli.select.score import score
-from capture_cli.select.search import Attribution
+from capture_cli.select.search import attribution as attribution_module
+from capture_cli.select.search import extension
+from capture_cli.select.search.attribution import Attribution
 from capture_cli.simulate.engine import Engine
 from capture_cli.stages.record import record
 
@@ -170,7 +171,7 @@ def test_a_force_that_repeats_is_found_wherever_its_frequency_lies(logs, log, na
     declared = fits.fit(search.models.fit_part, [], logs[log].task.space.nominal)
     assert lack_of_fit(declared.at).lacking
     last = search.run(declared)
-    assert [a.name for a in search.accepted] == [f"{name}@{on_slider(name).site}"]
+    assert [a.name for a in search.answer.accepted] == [f"{name}@{on_slider(name).site}"]
     assert last.point[-1] == pytest.approx(shape, abs=tolerance)
     assert not lack_of_fit(last.at).lacking
 
@@ -199,23 +200,23 @@ def test_what_pulses_promise_is_what_the_simulated_effect_scores(logs):
 def test_every_shape_tried_counts_where_nothing_is_missing(logs):
     search, fits = attribution(logs["none"], PERIODIC)
     declared = fits.fit(search.models.fit_part, [], logs["none"].task.space.nominal)
-    assert search._next(declared) is None
-    told = {c.name: (c.shapes_tried, c.rejection) for c in search.candidates}
+    assert search.extension.next(declared) is None
+    told = {c.name: (c.shapes_tried, c.rejection) for c in search.answer.candidates}
     assert all(tried > 30 and why for tried, why in told.values()), told
 
 
 def test_a_search_that_would_go_round_ends(logs, monkeypatch):
     """Whatever enters is taken out again at once."""
 
-    def none_holds(self, current):
-        self.accepted.clear()
+    def none_holds(answer, current):
+        answer.accepted.clear()
         return declared
 
     search, fits = attribution(logs["time"], PERIODIC)
     declared = fits.fit(search.models.fit_part, [], logs["time"].task.space.nominal)
-    monkeypatch.setattr(Attribution, "_backward", none_holds)
+    monkeypatch.setattr(attribution_module, "backward", none_holds)
     assert search.run(declared) is declared
-    assert search.accepted == []
+    assert search.answer.accepted == []
 
 
 def test_a_model_has_one_time_step(logs):
@@ -233,7 +234,7 @@ def test_what_had_nothing_to_act_on_is_asked_again(logs, monkeypatch):
     """As hard friction in a model without any, which acts once dry friction is found; what told little is not."""
     search, fits = attribution(logs["time"], PERIODIC)
     declared = fits.fit(search.models.fit_part, [], logs["time"].task.space.nominal)
-    without_action, little, much = search.candidates
+    without_action, little, much = search.answer.candidates
 
     class Round:
         def __init__(self, models, current, asked, **_):
@@ -244,10 +245,10 @@ def test_what_had_nothing_to_act_on_is_asked_again(logs, monkeypatch):
         def choose(self):
             return None
 
-    monkeypatch.setattr(search_module, "ForwardRound", Round)
+    monkeypatch.setattr(extension, "ForwardRound", Round)
     monkeypatch.setattr(search.models, "screening", lambda _: None)
-    search._by_simulation(declared)
-    assert search._asked_again(search.candidates, declared) == [without_action, much]
+    search.extension._by_simulation(declared)
+    assert search.extension._asked_again(search.answer.candidates, declared) == [without_action, much]
 
 
 @dataclass(frozen=True)
@@ -268,9 +269,9 @@ def test_a_search_goes_on_from_a_rival_that_explains_materially_more(logs, monke
     monkeypatch.setattr(search.models, "know", lambda _: None)
     monkeypatch.setattr(search.models, "is_explained", lambda _: False)
     monkeypatch.setattr(search, "_with_more", with_more)
-    for name in ("_without_minor", "_ask_again", "_keep", "_backward"):
-        monkeypatch.setattr(search, name, lambda current, *_: current)
-    monkeypatch.setattr(search, "_compare_with_rivals", lambda *_: swapped)
+    _leave_as_they_are(search, monkeypatch)
+    monkeypatch.setattr(search.rivals, "ask", lambda _: None)
+    monkeypatch.setattr(search.rivals, "compare", lambda *_: swapped)
     assert search._search(Left(100.0)) is swapped
     assert begun == [Left(100.0), swapped][:searched]
 
@@ -278,16 +279,20 @@ def test_a_search_goes_on_from_a_rival_that_explains_materially_more(logs, monke
 def test_a_search_asks_the_rivals_of_a_rival_that_explains_the_log_and_does_not_go_round(logs, monkeypatch):
     """The first takes the place of the second, which took the place of the first."""
     search, _ = attribution(logs["none"], PERIODIC)
-    first, second = (Left(0.0, (c.placed,)) for c in search.candidates[:2])
+    first, second = (Left(0.0, (c.placed,)) for c in search.answer.candidates[:2])
     asked = []
     monkeypatch.setattr(search.models, "know", lambda _: None)
     monkeypatch.setattr(search.models, "is_explained", lambda _: True)
     monkeypatch.setattr(search, "_with_more", lambda current: current if current.effects else first)
-    monkeypatch.setattr(search, "_ask_again", asked.append)
-    for name in ("_without_minor", "_keep", "_backward"):
-        monkeypatch.setattr(search, name, lambda current, *_: current)
-    monkeypatch.setattr(
-        search, "_compare_with_rivals", lambda current, _: second if current is first else first
-    )
+    monkeypatch.setattr(search.rivals, "ask", asked.append)
+    _leave_as_they_are(search, monkeypatch)
+    monkeypatch.setattr(search.rivals, "compare", lambda current, _: second if current is first else first)
     assert search._search(Left(100.0)) is first
     assert asked == [first, second]
+
+
+def _leave_as_they_are(search: Attribution, patch: pytest.MonkeyPatch) -> None:
+    """Nothing is dropped from models."""
+    patch.setattr(search, "_keep", lambda current: current)
+    for name in ("without_minor", "backward"):
+        patch.setattr(attribution_module, name, lambda _, current: current)

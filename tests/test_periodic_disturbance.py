@@ -20,9 +20,9 @@ from capture_cli.model.effects.base import Recordings, SeenLog
 from capture_cli.model.effects.periodic_disturbance import PeriodicDisturbance
 from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
-from capture_cli.select import search as attribution
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings
+from capture_cli.select.search import attribution
 from capture_cli.simulate.engine import Engine, Keep
 from capture_cli.stages.diagnose import diagnose_prepared
 from capture_cli.stages.record import record

@@ -44,7 +44,7 @@ from capture_cli.estimate.balance.screening import Addition
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.tasks import load_task
-from capture_cli.select.search import Attribution
+from capture_cli.select.search.extension import Extension
 
 # what steps that are too long could be taken for
 BESIDE_STEPS = ("viscous-damping", "coulomb-friction", "reflected-inertia", "sensor-delay")
@@ -130,7 +130,7 @@ def test_an_effect_outside_the_catalogue_can_be_simulated_and_shows(name):
 
 def test_steps_that_are_too_long_are_found(tmp_path, monkeypatch):
     look_among(monkeypatch, "finer-time-step", *BESIDE_STEPS)
-    monkeypatch.setattr(Attribution, "_balance_round", lambda *_: pytest.fail("steps are asked first"))
+    monkeypatch.setattr(Extension, "_balance_round", lambda *_: pytest.fail("steps are asked first"))
     made = Experiment(MACHINE["arm"], np.random.default_rng(0), episodes=2)
     effect = REGISTRY.get("finer-time-step")(made.task.model, "quarter")
     made.log(made.outputs([(effect, np.zeros(0))])).write(tmp_path / "log.zarr")

@@ -15,8 +15,8 @@ from inspecting import inspect
 from setting_numbers import set_numbers
 
 from capture_cli.errors import FitError, OptionError, OutputError
-from capture_cli.select import search as attribution
 from capture_cli.select.candidates import all_candidates
+from capture_cli.select.search import attribution, extension
 from capture_cli.stages import diagnose as stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
@@ -232,7 +232,7 @@ def test_what_cannot_be_fitted_leaves_nothing(asked, tmp_path, monkeypatch):
     def diverged(*_, **__):
         raise FitError("every simulation diverged", cure="mend the model")
 
-    monkeypatch.setattr(attribution, "BalanceRound", diverged)
+    monkeypatch.setattr(extension, "BalanceRound", diverged)
     with pytest.raises(FitError):
         diagnose(out=tmp_path / "d", **asked)
     assert list(tmp_path.iterdir()) == []

@@ -28,8 +28,8 @@ from capture_cli.estimate.prepare import prepare
 from capture_cli.log.white_noise import noise_and_spacing
 from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.placed import Placed
-from capture_cli.select.beam import BeamSettings, Level, grown
 from capture_cli.select.candidates import all_candidates
+from capture_cli.select.search.beam import BeamSettings, Level, grown
 
 # small: columns are taken where the declared parameters fit best without the effect, and a large one bends those
 CASES = [

@@ -8,8 +8,8 @@ import pytest
 from capture_cli.errors import OptionError
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.model.effects.placed import Placed
-from capture_cli.select import search as attribution
 from capture_cli.select.candidates import Candidate, all_candidates
+from capture_cli.select.search import attribution
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.effect_option import parse_effects

@@ -17,7 +17,8 @@ from capture_cli.select import explain as explaining
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings
 from capture_cli.select.explanation import Explanation
-from capture_cli.select.search import Attribution
+from capture_cli.select.search.attribution import Attribution
+from capture_cli.select.search.rivals import Rivals
 from capture_cli.select.time_limit import TimeLimit
 from capture_cli.simulate.engine import Engine
 from capture_cli.stages.diagnose import diagnose
@@ -97,7 +98,7 @@ def test_what_was_found_until_then_stands(asked, tmp_path, monkeypatch, without_
     over, keep = [], Attribution._keep
 
     def kept(self, current):
-        over.extend([True] * bool(self.accepted))
+        over.extend([True] * bool(self.answer.accepted))
         return keep(self, current)
 
     monkeypatch.setattr(Attribution, "_keep", kept)
@@ -134,7 +135,7 @@ def test_what_was_found_stands_once_where_the_time_ends_after_it(asked, tmp_path
     def over(*_):
         raise OutOfTime
 
-    monkeypatch.setattr(Attribution, "_ask_again", over)
+    monkeypatch.setattr(Rivals, "ask", over)
     found = diagnose(out=tmp_path / "d", **asked).document
     names = [e["name"] for e in found["effects"]]
     assert len(names) == 2 and len(set(names)) == 2
@@ -183,9 +184,9 @@ def test_in_shorter_steps_more_is_kept_for_what_follows_a_search(monkeypatch):
     quarter = next(c.placed for c in all_candidates(prepared) if c.placed.effect.substeps == 4)
     search = protocol._attribution()
     with protocol.limit.keeping(protocol.closing.after_search):
-        search.on_step("score", 0, 1, [])
+        search.answer.on_step("score", 0, 1, [])
         with pytest.raises(OutOfTime):
-            search.on_step("score", 0, 1, [quarter])
+            search.answer.on_step("score", 0, 1, [quarter])
     protocol.limit.check()
 
 

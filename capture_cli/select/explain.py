@@ -39,8 +39,8 @@ from capture_cli.select.input_readings import held_instead
 from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.select.minima import minima
 from capture_cli.select.model_comparison import ModelComparison, initial_states_found
-from capture_cli.select.search import SETTINGS as SEARCH
-from capture_cli.select.search import Attribution
+from capture_cli.select.search.answer import SETTINGS as ANSWER
+from capture_cli.select.search.attribution import Attribution
 from capture_cli.select.time_limit import Made, TimeLimit
 
 # what is tried, its number, of how many, what was found so far
@@ -54,7 +54,7 @@ class Settings:
     """
 
     starts: int = 3
-    most_effects: int = SEARCH.most_effects
+    most_effects: int = ANSWER.most_effects
     expression: bool = False
     seed: int = 0
     threads: int | None = None
@@ -248,11 +248,11 @@ class _Protocol:
             last = attribution.run(declared)
         models = self._models(attribution.models, first, last)
         after = models[-1]
-        tied = next((a.tied for a in attribution.accepted if a.tied), [])
+        tied = next((a.tied for a in attribution.answer.accepted if a.tied), [])
         found = Explanation(
             self.parts,
-            attribution.accepted,
-            attribution.candidates,
+            attribution.answer.accepted,
+            attribution.answer.candidates,
             models,
             sure=self._limited(after),
             motion=self.fits.motion(self.prepared, after.again, after.whole.corrections),

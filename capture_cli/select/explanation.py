@@ -15,7 +15,7 @@ from capture_cli.estimate.time_step import ShorterStep
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.expression import ExpressionTerm, formula
 from capture_cli.select.log_parts import TEST, LogParts
-from capture_cli.select.search import Accepted
+from capture_cli.select.search.answer import Accepted
 from capture_cli.simulate.engine import Rollouts
 from capture_cli.simulate.simulator import InitialConditions
 

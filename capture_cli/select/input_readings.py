@@ -26,13 +26,13 @@ from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 from capture_cli.model.effects.placed import names_of
 from capture_cli.model.tasks.base import Task
 from capture_cli.select.balance_scores import screening_of
-from capture_cli.select.beam import BeamSettings, grown
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.log_parts import SETTINGS as LOG_PARTS
 from capture_cli.select.log_parts import LogParts
 from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import chance, gain_by_bic
-from capture_cli.select.search import Accepted
+from capture_cli.select.search.answer import Accepted
+from capture_cli.select.search.beam import BeamSettings, grown
 
 NARROW = BeamSettings(width=2, branches=2, pairs=4)
 PreparedAs = Callable[[Task], PreparedLog]

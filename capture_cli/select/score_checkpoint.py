@@ -10,7 +10,7 @@ from capture_cli.estimate.checkpoint import Values, made_or_taken
 from capture_cli.select.candidates import Candidate, take, told
 
 if TYPE_CHECKING:
-    from capture_cli.select.forward_round import Scores
+    from capture_cli.select.search.forward_round import Scores
 
 
 def kept_scores(method: Callable[..., None]) -> Callable[..., None]:

@@ -58,7 +58,7 @@ def _without_pages() -> None:
 
 def _friction_alone() -> None:
     """To look for one effect takes a tenth of the time."""
-    from capture_cli.select import search as attribution
+    from capture_cli.select.search import attribution
 
     _without_pages()
     everything = attribution.all_candidates

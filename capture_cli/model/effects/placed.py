@@ -21,6 +21,11 @@ class Placed(NamedTuple):
     def name(self) -> str:
         return placed_name(self.kind, self.effect.site)
 
+    @property
+    def is_shorter_step(self) -> bool:
+        """Whether it is the model's motion in shorter steps."""
+        return self.effect.substeps > 1 and not self.effect.parameters
+
 
 def placed_name(kind: str, site: str) -> str:
     """EFFECT@SITE, or EFFECT alone where it concerns the model as a whole."""

@@ -16,7 +16,7 @@ from capture_cli.select.candidates import Candidate
 from capture_cli.select.explanation import Explanation, Expression, JudgedModel
 from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.select.residual_curves import ResidualCurve, residual_curves
-from capture_cli.select.search import Accepted
+from capture_cli.select.search.answer import Accepted
 from capture_cli.stages.documents.result_document import (
     FoundPoint,
     Judged,

@@ -12,18 +12,18 @@ from capture_cli.estimate.fit import Fit, least, thinned
 from capture_cli.estimate.model_fits import Effort
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.select.candidates import Candidate, gain_of, score_at_null, take, told, worth_a_refit
-from capture_cli.select.model_comparison import FittedSet, ModelComparison
-from capture_cli.select.narrow_peaks import NarrowPeaks
-from capture_cli.select.reason import Reason, Rejection
-from capture_cli.select.rejection import SETTINGS as REJECTION
-from capture_cli.select.rejection import (
+from capture_cli.select.fit_checks import SETTINGS as FIT_CHECKS
+from capture_cli.select.fit_checks import (
     leaves_something,
     needed_error,
     no_gain,
     slight,
 )
-from capture_cli.select.round import Round, by_score
+from capture_cli.select.model_comparison import FittedSet, ModelComparison
+from capture_cli.select.narrow_peaks import NarrowPeaks
+from capture_cli.select.reason import Reason, Rejection
 from capture_cli.select.score_checkpoint import kept_scores
+from capture_cli.select.search.round import Round, by_score
 
 
 @frozen
@@ -36,7 +36,7 @@ class SETTINGS:
 # this share of the best score, which have to take this share of what is above the noise floor. Where contacts make the
 # error rough, and where a declared parameter has to make way, a score at null says little; but what begins with next to
 # none of it is believed only where it explains nearly all.
-FURTHER = (0.2, REJECTION.material), (0.2, REJECTION.material), (0.1, 0.9)
+FURTHER = (0.2, FIT_CHECKS.material), (0.2, FIT_CHECKS.material), (0.1, 0.9)
 
 
 class Scores:
@@ -116,9 +116,9 @@ class ForwardRound(Round):
 
     def _fit_best(self, *, patient: bool) -> None:
         """Fit candidates, those that their scores put first, until some are supported."""
-        least_gain = 0.0 if patient else self._promised(REJECTION.material)
+        least_gain = 0.0 if patient else self._promised(FIT_CHECKS.material)
         refitted, others = worth_a_refit([c for c in self.ranked if c.score.gain >= least_gain])
-        self._refit_all(refitted, REJECTION.material)
+        self._refit_all(refitted, FIT_CHECKS.material)
         for worth, material in FURTHER:
             if self.supported or not patient or not others:
                 break
@@ -200,7 +200,7 @@ class ForwardRound(Round):
                 own[i] = fit.point[fit.columns(candidate.name)]
         start = np.concatenate([best.point[: len(current.point)], *own])
         best = least([best, *(s.fit for s in self.supported if len(s.fit.point) <= len(start))])
-        needed = min(best.error, needed_error(current, REJECTION.material))
+        needed = min(best.error, needed_error(current, FIT_CHECKS.material))
         effort = Effort(needed=needed, escapes=False)
         fit = self.models.fit([*current.effects, *added], start, current, effort)
         if fit is None or fit.penalised_squares >= best.penalised_squares:
@@ -208,6 +208,6 @@ class ForwardRound(Round):
         plausible = [c for c in places if not self._out_of_range([c.placed], fit)]
         if 1 < len(plausible) < len(places):
             return self._together(plausible, best)
-        if len(plausible) < len(places) or slight(current, fit, REJECTION.material):
+        if len(plausible) < len(places) or slight(current, fit, FIT_CHECKS.material):
             return None
         return self._judged(added, fit)[1]

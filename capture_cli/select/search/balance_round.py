@@ -10,20 +10,20 @@ from capture_cli.estimate.model_fits import Effort
 from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.model.effects.placed import Placed, names_of
 from capture_cli.select.balance_scores import score_in_balance
-from capture_cli.select.beam import SETTINGS as BEAM
-from capture_cli.select.beam import Level, grown
 from capture_cli.select.candidates import Candidate
-from capture_cli.select.model_comparison import FittedSet, ModelComparison
-from capture_cli.select.reason import Reason, Rejection
-from capture_cli.select.rejection import SETTINGS as REJECTION
-from capture_cli.select.rejection import (
+from capture_cli.select.fit_checks import SETTINGS as FIT_CHECKS
+from capture_cli.select.fit_checks import (
     ends,
     leaves_something,
     needed_error,
     no_gain,
     slight,
 )
-from capture_cli.select.round import Round, by_score
+from capture_cli.select.model_comparison import FittedSet, ModelComparison
+from capture_cli.select.reason import Reason, Rejection
+from capture_cli.select.search.beam import SETTINGS as BEAM
+from capture_cli.select.search.beam import Level, grown
+from capture_cli.select.search.round import Round, by_score
 
 # of a fit whose effects are at ends of their ranges: which effects, at which ends, and what that says
 AtEnds = tuple[frozenset[str], frozenset, Rejection]
@@ -161,7 +161,7 @@ class BalanceRound(Round):
             return []
         rival, to_explain = self._best, to_explain and (len(added) == 1 or not _is_one_law(added))
         to_reach = lack_of_fit(self.current.at).threshold if to_explain else np.inf
-        material = needed_error(smaller, REJECTION.material)
+        material = needed_error(smaller, FIT_CHECKS.material)
         needed = min(material, self.useful_error, to_reach)
         effort = Effort(rival=rival, to_reach=to_reach, needed=needed, material=material, escapes=False)
         fit = self.models.fit(model.effects, model.start, self.current, effort)
@@ -189,7 +189,7 @@ class BalanceRound(Round):
     ) -> Rejection | None:
         """What its fit says against a model."""
         models, current = self.models, self.current
-        reason = no_gain(current, fit, self._best) or slight(smaller, fit, REJECTION.material)
+        reason = no_gain(current, fit, self._best) or slight(smaller, fit, FIT_CHECKS.material)
         if not (reason or models.may_escape(fit, self._best, self.useful_error)):
             reason = self._left(fit, to_explain)
         if reason:

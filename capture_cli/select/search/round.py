@@ -8,9 +8,9 @@ from capture_cli.common.similarity import similarity
 from capture_cli.estimate.fit import Fit
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.candidates import Candidate
+from capture_cli.select.fit_checks import out_of_range
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.reason import Reason, Rejection
-from capture_cli.select.rejection import out_of_range
 from capture_cli.select.score import Score
 
 
