@@ -17,6 +17,7 @@ from capture_cli.select import explain as explaining
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings
 from capture_cli.select.explanation import Explanation
+from capture_cli.select.judged_models import Closing
 from capture_cli.select.search.attribution import Attribution
 from capture_cli.select.search.rivals import Rivals
 from capture_cli.select.time_limit import TimeLimit
@@ -180,10 +181,10 @@ def test_in_shorter_steps_more_is_kept_for_what_follows_a_search(monkeypatch):
     monkeypatch.setattr(TimeLimit, "now", lambda _=None: 80.0)
     prepared = Made.of("slider", episodes=1).prepared
     protocol = explaining._Protocol(prepared, Settings(threads=1, limit=TimeLimit(100.0)), lambda *_: None, 0)
-    protocol.closing = explaining._Closing(refit=1.0, whole=2.0)
+    protocol.rows.closing = Closing(refit=1.0, whole=2.0)
     quarter = next(c.placed for c in all_candidates(prepared) if c.placed.effect.substeps == 4)
     search = protocol._attribution()
-    with protocol.limit.keeping(protocol.closing.after_search):
+    with protocol.limit.keeping(protocol.rows.closing.after_search):
         search.answer.on_step("score", 0, 1, [])
         with pytest.raises(OutOfTime):
             search.answer.on_step("score", 0, 1, [quarter])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
 from math import prod
 from typing import Any
 
@@ -22,10 +21,9 @@ from capture_cli.estimate.limits import with_limits
 from capture_cli.estimate.log_balance import balanced_point
 from capture_cli.estimate.log_requirements import all_diverged, check_parameters_move_outputs
 from capture_cli.estimate.model_fits import Effort, ModelFits
-from capture_cli.estimate.noise.lack_of_fit import lack_held_out, lack_of_fit
+from capture_cli.estimate.noise.lack_of_fit import lack_held_out
 from capture_cli.estimate.noise.repeated_noise import with_noise_of_repeats
 from capture_cli.estimate.noise.residual_noise import with_noise_of_residual, with_outliers
-from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.intervals import Intervals, intervals
 from capture_cli.estimate.time_step import shorter_step
@@ -33,15 +31,14 @@ from capture_cli.model.effects.placed import Placed
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.experiment.excitation_range import ExcitationRange
 from capture_cli.select.experiment.next_experiment import next_experiment
-from capture_cli.select.explanation import Explanation, Expression, JudgedModel
+from capture_cli.select.explanation import Explanation, Expression
 from capture_cli.select.expression import expression_terms
 from capture_cli.select.input_readings import held_instead
+from capture_cli.select.judged_models import JudgedModel, JudgedModels
 from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
-from capture_cli.select.minima import minima
-from capture_cli.select.model_comparison import ModelComparison, initial_states_found
 from capture_cli.select.search.answer import SETTINGS as ANSWER
 from capture_cli.select.search.attribution import Attribution
-from capture_cli.select.time_limit import Made, TimeLimit
+from capture_cli.select.time_limit import TimeLimit
 
 # what is tried, its number, of how many, what was found so far
 OnStep = Callable[[str, int, int, Sequence[str]], None]
@@ -90,7 +87,7 @@ def explain(
     def otherwise(prepared: PreparedLog, what: str, *, free: bool) -> tuple[_Declared, Explanation]:
         """What is found so; as before where its search is stopped, for that before was whole."""
         settings.limit.left_out[:] = known
-        with suppress(OutOfTime), settings.limit.keeping(begun.protocol.closing.whole):
+        with suppress(OutOfTime), settings.limit.keeping(begun.protocol.rows.closing.whole):
             other = _begin(prepared, nominal, settings, on_step, found.rollouts, free=free)
             explained = other.explain()
             if not explained.out_of_time:
@@ -173,37 +170,13 @@ def _better_prepared(prepared: PreparedLog, protocol: _Protocol, declared: Fit) 
     return replace(prepared, difference_step=step) if step > prepared.difference_step else prepared
 
 
-@dataclass(frozen=True)
-class _Closing:
-    """What it takes, s, to make a row of the declared model: to refit it, and to work out the initial states of all
-    windows.
-
-    What follows a search takes as much for the model that was found, and some more simulations of the log.
-    """
-
-    refit: float = 0.0
-    whole: float = 0.0
-
-    @property
-    def after_refit(self) -> float:
-        """s; for errors in open loop every window is simulated a few times, which are about as many again."""
-        return 2 * self.whole
-
-    @property
-    def after_search(self) -> float:
-        """s, with a refit, and a descent beside it, which shows whether the error has other minima. What was fitted to
-        first order is linearized once more in its refit than the declared model, which was not.
-        """
-        return 3 * self.refit + self.after_refit
-
-
 class _Protocol:
     """The declared model, then effects, on one prepared log. `fits.rollouts` goes on from `rollouts`."""
 
     def __init__(self, prepared: PreparedLog, settings: Settings, on_step: OnStep, rollouts: int = 0):
         self.prepared = prepared
         self.settings = settings
-        self.limit, self.closing = settings.limit, _Closing()
+        self.limit = settings.limit
         self.on_step = on_step
         self.parts = LogParts.of(prepared)
         fitted = np.flatnonzero(self.parts.folds.balance)
@@ -213,6 +186,7 @@ class _Protocol:
         )
         self.fits.rollouts = rollouts
         self.fits.engine.on_work = self.limit.check
+        self.rows = JudgedModels(self.fits, self.parts, self.limit, settings.seed, on_step)
 
     def declare(self, start: np.ndarray, corrections: np.ndarray | None = None) -> Fit:
         """The declared model, from `start` (parameter,) and other places, with windows begun at `corrections` (window,
@@ -243,10 +217,10 @@ class _Protocol:
         where one is wanted.
         """
         attribution = self._attribution()
-        first = self._first(attribution.models, declared)
-        with self.limit.keeping(self.closing.after_search):
+        first = self.rows.first(attribution.models, declared)
+        with self.limit.keeping(self.rows.closing.after_search):
             last = attribution.run(declared)
-        models = self._models(attribution.models, first, last)
+        models = self.rows.each(attribution.models, first, last)
         after = models[-1]
         tied = next((a.tied for a in attribution.answer.accepted if a.tied), [])
         found = Explanation(
@@ -267,17 +241,13 @@ class _Protocol:
         wanted = self.settings.expression and last_time and found.verdict == "unexplained"
         wanted = wanted and not attribution.out_of_time
         if wanted and after.lacking.lacking:
-            formula = self._in_time(lambda: self._expression(last, after), "a formula of what is left")
+            formula = self.rows.in_time(lambda: self._expression(last, after), "a formula of what is left")
             found = replace(found, expression=formula)
         return replace(found, rollouts=self.fits.rollouts, left_out=tuple(self.limit.left_out))
 
-    def _in_time(self, make: Callable[[], Made], what: str) -> Made | None:
-        """What `make` makes where that leaves the time that errors in open loop take; None otherwise."""
-        return self.limit.made(make, what, keeping=self.closing.whole)
-
     def _limited(self, model: JudgedModel) -> Intervals:
         """Its intervals, with limits of what the log does not determine."""
-        found = self._in_time(
+        found = self.rows.in_time(
             lambda: with_limits(self.fits, self._seen(model), model.again, model.intervals),
             "limits of what the log does not determine",
         )
@@ -286,7 +256,7 @@ class _Protocol:
     def _held_out(self, model: JudgedModel) -> HeldOut:
         """Whether it holds on the test part."""
         is_test = self.parts.number == TEST
-        found = self._in_time(
+        found = self.rows.in_time(
             lambda: held_out(self.fits, model.again, model.intervals.covariance, model.whole, is_test),
             "a fit to what was held out, too",
         )
@@ -295,7 +265,7 @@ class _Protocol:
 
     def _next_experiment(self, mine: JudgedModel, others: Sequence[Fit]) -> dict[str, Any] | None:
         """What would tell it from the `others`."""
-        return self._in_time(
+        return self.rows.in_time(
             lambda: next_experiment(self.fits, mine.fit, others, self.settings.seed, self._shown(mine)),
             "the experiment that would end the tie",
         )
@@ -324,7 +294,7 @@ class _Protocol:
         """Of the whole catalogue, or of `candidates`. known: the effects that were found before."""
 
         def step(what: str, number: int, total: int, found: Sequence[Placed]) -> None:
-            own, closing = [*known, *found], self.closing
+            own, closing = [*known, *found], self.rows.closing
             # in shorter steps what follows the search takes as many times longer
             slower = prod(e.effect.substeps for e in own)
             self.limit.keep((closing.after_search if candidates is None else closing.whole) * slower)
@@ -339,100 +309,6 @@ class _Protocol:
             candidates=candidates,
             on_step=step,
         )
-
-    def _first(self, compared: ModelComparison, declared: Fit) -> JudgedModel:
-        """The declared model. How long it takes tells what is to be kept free for the last one."""
-        judged, times = compared.judge(declared), [self.limit.now()]
-        again = self._again(declared, judged)
-        times.append(self.limit.now())
-        whole = self._whole(declared, again, judged)
-        times.append(self.limit.now())
-        self.closing = _Closing(*np.diff(times))
-        return JudgedModel("declared", declared, again or declared, [], judged, whole)
-
-    def _models(self, compared: ModelComparison, first: JudgedModel, last: Fit) -> list[JudgedModel]:
-        """The declared model and each with one more accepted effect; of these the last is refitted."""
-        names = [e.name for e in last.effects]
-        after = self._last(compared, first, last)
-        between = []
-        for count in range(1, len(names)):
-            self.on_step("refit", count - 1, len(names) - 1, names)
-            name = f"+ {names[count - 1]}"
-            row = self._in_time(partial(self._between, compared, last, count, name), f"the row of {name}")
-            between += [] if row is None else [row]
-        if not names:
-            return [after]
-        declared = compared.nested(last, 0)
-        before = first if declared is first.fit else self._first(compared, declared)
-        return [before, *between, after]
-
-    def _last(self, compared: ModelComparison, first: JudgedModel, fit: Fit) -> JudgedModel:
-        """The model that was found, with other minima of its error, where they may explain the log as well."""
-        self.on_step("refit", 0, 1, [e.name for e in fit.effects])
-        judged, part, others = compared.judge(fit), self.parts.windows(FIT, SELECT), []
-        known = fit is first.fit
-        begun = (first.again if first.is_refitted else None) if known else self._again(fit, judged)
-        again = begun
-        if begun is not None and not lack_of_fit(begun.at).lacking:
-            found = self.limit.made(
-                lambda: minima(self.fits, part, begun, self.settings.seed),
-                "other values that may explain the log as well",
-                keeping=self.closing.after_refit,
-            )
-            again, *others = found or [begun]
-        whole = first.whole if known and again is begun else self._whole(fit, again, judged)
-        if again is not None:
-            again = self.fits.sharpened(part, again)
-        name = f"+ {fit.effects[-1].name}" if fit.effects else "declared"
-        return JudgedModel(name, fit, again or fit, others, judged, whole)
-
-    def _between(self, compared: ModelComparison, last: Fit, count: int, name: str) -> JudgedModel:
-        """The model with the first `count` effects of the `last`, by the fit that it was compared by."""
-        fit = compared.nested(last, count)
-        judged = compared.judge(fit)
-        return JudgedModel(name, fit, fit, [], judged, self._whole(fit, None, judged))
-
-    def _again(self, fit: Fit, judged: PartFit | None) -> Fit | None:
-        """The refit; None where it diverges, or there is no time for it."""
-        return self.limit.made(
-            lambda: self._refitted(fit, judged),
-            f"a refit of the {'last' if fit.effects else 'declared'} model to all that is not held out",
-            keeping=self.closing.after_refit,
-        )
-
-    def _refitted(self, fit: Fit, judged: PartFit | None) -> Fit | None:
-        """`fit` on all that is not test, from where it ended."""
-        known = initial_states_found(self.parts.folds, fit.corrections, judged and judged.corrections)
-        return self.fits.fit(
-            self.parts.windows(FIT, SELECT),
-            fit.effects,
-            fit.point,
-            near=fit,
-            corrections=known[self.parts.number != TEST],
-            effort=Effort(tolerance=FIT_SETTINGS.exact),
-        )
-
-    def _whole(self, fit: Fit, again: Fit | None, judged: PartFit | None) -> PartFit:
-        """The refit, or the fit where there is none, on every window; what was held out has no say in the others.
-
-        judged: the fit on what judges.
-        """
-        number, folds = self.parts.number, self.parts.folds
-        if again is not None:
-            where = [number != TEST]
-            parts = [self.fits.on(self.prepared.part(where[0]), again, corrections=again.corrections)]
-        else:
-            where, parts = [folds.fit], [PartFit.of(fit.at)]
-            if len(folds.folds) == 1:
-                where, parts = [*where, folds.seen & ~folds.fit], [*parts, judged]
-            if (rest := (number != TEST) & ~folds.seen).any():
-                where, parts = [*where, rest], [*parts, self.fits.on(self.prepared.part(rest), fit)]
-        if (number == TEST).any():
-            thorough = not lack_of_fit((again or fit).at).lacking
-            where.append(number == TEST)
-            parts.append(self.fits.on(self.prepared.part(where[-1]), again or fit, thorough=thorough))
-        order = np.argsort(np.concatenate([np.flatnonzero(w) for w in where]))
-        return PartFit.concatenate(parts).rows(order)
 
     def _from_best(self, last: Fit, again: Fit) -> Fit:
         """`last`, or the same model from where `again` ended on more of the log, where that is better: descents of it
@@ -466,7 +342,7 @@ class _Protocol:
         if not chosen:
             return Expression()
         selected, test = search.models.judge(found), self.parts.windows(TEST)
-        again = self._refitted(found, selected) or found
+        again = self.rows.refitted(found, selected) or found
         tested = None if test is None else self.fits.on(test, again)
         if tested and tested.normalized >= after.whole.rows(self.parts.number == TEST).normalized:
             return Expression()

@@ -5,49 +5,19 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.held_out import HeldOut
-from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_of_fit
+from capture_cli.estimate.noise.lack_of_fit import LackOfFit
 from capture_cli.estimate.noise.time_stamp_jitter import TimeStampJitter, time_stamp_jitter
 from capture_cli.estimate.part_fit import PartFit
-from capture_cli.estimate.solve.intervals import Intervals, intervals
+from capture_cli.estimate.solve.intervals import Intervals
 from capture_cli.estimate.time_step import ShorterStep
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.expression import ExpressionTerm, formula
+from capture_cli.select.judged_models import JudgedModel
 from capture_cli.select.log_parts import TEST, LogParts
 from capture_cli.select.search.answer import Accepted
 from capture_cli.simulate.engine import Rollouts
 from capture_cli.simulate.simulator import InitialConditions
-
-
-@dataclass(frozen=True)
-class JudgedModel:
-    """A model with what judges it.
-
-    fit: to the fit part. again: to all that is not test; the same where it is not refitted. minima: others of the same,
-    nearly as good. judged: the fit on what it did not see; None where nothing judges. whole: `again` on every window.
-    """
-
-    name: str
-    fit: Fit
-    again: Fit
-    minima: list[Fit]
-    judged: PartFit | None
-    whole: PartFit
-
-    @property
-    def is_refitted(self) -> bool:
-        return self.again is not self.fit
-
-    @cached_property
-    def lacking(self) -> LackOfFit:
-        """What it leaves of what it was fitted to: of the fit part, or of all that is not test, whichever is more."""
-        return max((lack_of_fit(f.at) for f in (self.fit, self.again)), key=lambda lack: lack.normalized)
-
-    @cached_property
-    def intervals(self) -> Intervals:
-        """Intervals of the refit's parameters, which reach to the other minima that are nearly as good."""
-        return intervals(self.again.at, [m.at for m in self.minima])
 
 
 @dataclass(frozen=True)
