@@ -15,10 +15,10 @@ from scipy.special import chdtrc
 
 from capture_cli.common.frozen import frozen
 from capture_cli.errors import OutOfTime
+from capture_cli.estimate.balance.balanced_model import BalancedModel
 from capture_cli.estimate.balance.dictionary import acts_unshown
 from capture_cli.estimate.balance.regression import SETTINGS as REGRESSION
 from capture_cli.estimate.balance.screening import SETTINGS as SCREENING
-from capture_cli.estimate.balance.screening import BalancedModel
 from capture_cli.estimate.fit import Fit, thinned
 from capture_cli.estimate.model_fits import Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import SETTINGS as LACK_OF_FIT
@@ -631,7 +631,7 @@ class Attribution:
             return False
         declared = current.point[: len(self.models.fits.prepared.task.space)]
         model = BalancedModel(tuple(current.effects), declared, tuple(current.values))
-        return screening.judged(model).beyond_noise > SETTINGS.contradicts
+        return screening.fits.judged(model).beyond_noise > SETTINGS.contradicts
 
     def _compare_with_rivals(self, current: Fit, some: Sequence[Accepted]) -> Fit:
         """Put rivals of `some` accepted effects in their places: swap where one is better, tie where none can tell."""
