@@ -11,10 +11,10 @@ import pytest
 from balances import Made
 
 from capture_cli.errors import LogError
+from capture_cli.estimate.balance.balanced_fits import declared_balance
 from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.impacts import impacts
 from capture_cli.estimate.balance.motion import SmoothedLog
-from capture_cli.estimate.balance.screening import declared_balance
 from capture_cli.estimate.balance.whitening import Whitening
 
 WALL_AT = 1.2 - 0.2 - 0.04  # m: its middle, half its width, and the radius of the puck
@@ -55,7 +55,7 @@ def test_what_presses_along_a_coordinate_that_is_measured_is_left_out_and_what_d
 
 def test_the_friction_of_a_table_is_found_without_a_simulation(puck):
     screening = puck.screening([])
-    model = screening.fitted(screening.best())
+    model = screening.fits.fitted(screening.best())
     assert model.point[0] == pytest.approx(puck.truth[0], rel=0.01)
     assert puck.experiment.task.space.nominal[0] != pytest.approx(puck.truth[0], rel=0.2)
 

@@ -15,7 +15,7 @@ from held_inputs import held_machine
 from machines import machine
 
 from benchmarks._planted_logs.cases import PLANTED, Case
-from capture_cli.estimate.balance.screening import BalancedModel
+from capture_cli.estimate.balance.balanced_model import BalancedModel
 from capture_cli.estimate.fit import SETTINGS as FIT
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import Effort, ModelFits

@@ -264,7 +264,7 @@ def test_a_late_sensor_does_not_make_up_for_inputs_that_are_misread(seed):
     own = Made.of("finger", seed=seed)
     late = [p for p in own.placed if p.name in ("sensor-delay", "sensor-low-pass")]
     held = own.screening(late)
-    declared = held.fitted(replace(held.best(), effects=(), values=()))
+    declared = held.fits.fitted(replace(held.best(), effects=(), values=()))
     misread = held.read_as([EVENLY, EVENLY]).best()
     assert misread.effects
     assert misread.gain(declared)[0] < 5.0

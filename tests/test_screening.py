@@ -21,9 +21,10 @@ from benchmarks._planted_logs.dresses import CUTOFF, DRESSES, FILTERED
 from benchmarks._planted_logs.machines import MACHINE
 from capture_cli.common import processes
 from capture_cli.errors import LogError
+from capture_cli.estimate.balance.balanced_model import BalancedModel
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted
-from capture_cli.estimate.balance.screening import BalancedModel, Screening
+from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.prepare import prepare
 from capture_cli.log.white_noise import noise_and_spacing
 from capture_cli.model.effects import REGISTRY
@@ -126,7 +127,7 @@ def test_what_was_asked_before_changes_nothing():
         assert (a.placed, a.gain, a.error) == (b.placed, b.gain, b.error)
     one, other = (a.model for a in fresh.additions((), ())[:2])
     fresh.whitening.reset()
-    first, _, again = (fresh.fitted(m) for m in (one, other, one))
+    first, _, again = (fresh.fits.fitted(m) for m in (one, other, one))
     np.testing.assert_array_equal(first.start, again.start)
 
 
@@ -229,7 +230,8 @@ def test_a_control_that_its_limits_cut_off_is_asked_both_ways():
     few = [p for p in made.placed if p.name in ("control-bias@root", "constant-force@mcp")]
     screening = made.screening(few)
     found = {
-        a.placed.name: a.gain for a in screening.screened(screening.fitted(BalancedModel((), made.truth, ())))
+        a.placed.name: a.gain
+        for a in screening.screened(screening.fits.fitted(BalancedModel((), made.truth, ())))
     }
     assert found["control-bias@root"] > found["constant-force@mcp"] > 100
 
@@ -314,7 +316,7 @@ def test_a_declared_parameter_that_was_driven_to_its_end_is_led_back():
     case = Case(PLANTED, "arm", ("com-shift@upper",), 10.0, 1352802202)
     made = screening_of_case(case, [0.558], "com-shift@upper")
     (found,) = made.additions((), ())
-    assert made.balance.point[0] == made.space.low[0] < 0.5 < found.model.point[0]
+    assert made.balance.point[0] == made.fits.space.low[0] < 0.5 < found.model.point[0]
 
 
 def test_a_law_that_all_joints_lack_is_found_at_all_of_them():

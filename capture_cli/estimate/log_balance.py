@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 
 from capture_cli.errors import LogError
+from capture_cli.estimate.balance.balanced_fits import SETTINGS as BALANCED_FITS
+from capture_cli.estimate.balance.balanced_fits import by_parameter, declared_balance, parameters_sd
 from capture_cli.estimate.balance.input_timing import InputTiming, input_timings
 from capture_cli.estimate.balance.motion import SmoothedLog
-from capture_cli.estimate.balance.screening import SETTINGS as SCREENING
-from capture_cli.estimate.balance.screening import by_parameter, declared_balance, parameters_sd
 from capture_cli.estimate.balance.whitening import Whitening
 from capture_cli.estimate.prepared_log import Balanced, PreparedLog
 from capture_cli.log.input_sequences import HELD
@@ -62,7 +62,7 @@ def balanced_point(
     if known is not None and known.is_of(windows, point):
         return known.point
     if screening is not None:
-        whitening, rows = screening.whitening, screening.by_parameter
+        whitening, rows = screening.whitening, screening.fits.by_parameter
     else:
         smoothed = smoothed_log(prepared, windows)
         if smoothed is None:
@@ -78,7 +78,7 @@ def balanced_point(
 def _where_sure(whitening: Whitening, rows: Sequence[np.ndarray]) -> np.ndarray | None:
     """The point (parameter,) of a balance; None where that leaves a parameter open. rows: of the parameters."""
     doubt = parameters_sd(whitening, rows)
-    return whitening.balance.point if doubt.max(initial=0.0) < SCREENING.determined else None
+    return whitening.balance.point if doubt.max(initial=0.0) < BALANCED_FITS.determined else None
 
 
 def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
+from capture_cli.estimate.balance.balanced_model import BalancedModel
 from capture_cli.estimate.balance.input_timing import (
     SETTINGS,
     InputTiming,
@@ -16,7 +17,7 @@ from capture_cli.estimate.balance.input_timing import (
     likeliest,
 )
 from capture_cli.estimate.balance.screening import SETTINGS as SCREENING
-from capture_cli.estimate.balance.screening import BalancedModel, Screening
+from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.model_fits import USUAL, Effort, ModelFits
@@ -66,7 +67,7 @@ class Reading:
 
     def without_effects(self) -> Reading:
         """With the declared model alone."""
-        return replace(self, model=self.screening.judged(self.declared))
+        return replace(self, model=self.screening.fits.judged(self.declared))
 
     def simpler(self) -> list[Reading]:
         """With one effect of fewer parameters in the place of its own, which the balance does not tell from that."""
@@ -94,13 +95,13 @@ class Reading:
 
         Each reading is judged by the best of the same models: an effect may make up for a wrong one.
         """
-        models = self.screening.all_fitted([self.declared, self.model, *self._best_additions()])
+        models = self.screening.fits.all_fitted([self.declared, self.model, *self._best_additions()])
         hold = self._likeliest_by(models)
         return None if hold == self.hold else self.with_best(hold).with_best_of([self])
 
     def likeliest_alone(self) -> Reading:
         """Likewise, or the same reading, by the declared model alone, and with that."""
-        own = self._likeliest_by([self.screening.judged(self.declared)])
+        own = self._likeliest_by([self.screening.fits.judged(self.declared)])
         return replace(self, hold=own, screening=self._declared_as(own)).without_effects()
 
     def _likeliest_by(self, models: Sequence[BalancedModel]) -> Hold:
@@ -109,7 +110,7 @@ class Reading:
 
         def asked(hold: Hold) -> Likelihoods:
             own = self.screening.read_as(read_as(self.unread, hold).holds)
-            return ours.likelihood, _likeliest_model([own.judged(m) for m in models]).likelihood
+            return ours.likelihood, _likeliest_model([own.fits.judged(m) for m in models]).likelihood
 
         return likeliest(asked, self.screening.balance, self.hold)
 
@@ -127,7 +128,7 @@ class Reading:
             return self
         both = levels[-1].best
         alone = [
-            self.screening.fitted(replace(both, effects=(effect,), values=(values,)))
+            self.screening.fits.fitted(replace(both, effects=(effect,), values=(values,)))
             for effect, values in zip(both.effects, both.values, strict=True)
         ]
         one = _likeliest_model(alone)
@@ -135,7 +136,7 @@ class Reading:
 
     def with_best_of(self, others: Sequence[Reading]) -> Reading:
         """The reading with the best of its own model and of those of others, fitted in its screening."""
-        models = [self.model, *(self.screening.fitted(other.model) for other in others)]
+        models = [self.model, *(self.screening.fits.fitted(other.model) for other in others)]
         return replace(self, model=_likeliest_model(models))
 
 
@@ -172,7 +173,7 @@ def timings_with_effects(
     screening = screening_of(log, LogParts.of(log).folds.balance, candidates, threads, step)
     if screening is None:
         return (), None
-    screening.on_work = on_work
+    screening.fits.on_work = on_work
     step("reading", 0, 2)
     held = Reading(prepared.task, HELD, screening, screening.best())
     step("reading", 1, 2)
@@ -309,7 +310,7 @@ def _best_fit(
     best, after = _likeliest_fit(near)
     prepared, models = prepared_as(held.task), [held.model]
     if names_of(held.model.effects) != names_of(best.model.effects):
-        models.append(held.screening.fitted(best.model))
+        models.append(held.screening.fits.fitted(best.model))
     fits = [(held, fit) for m in models if (fit := _fit(held, m, prepared, threads, USUAL)) is not None]
     if not fits:
         return best
@@ -348,7 +349,7 @@ def _fit(
 ) -> Fit | None:
     """The model fitted by simulations of the log `prepared` in that reading."""
     fits = ModelFits(prepared, threads)
-    fits.engine.on_work = reading.screening.on_work
+    fits.engine.on_work = reading.screening.fits.on_work
     return fits.fit(_some_to_fit(prepared), model.effects, model.start, effort=effort)
 
 

@@ -159,7 +159,7 @@ class ModelComparison:
                     prepared, self.folds.balance, self.candidates, threads, on_step
                 )
             if self._screening is not None:
-                self._screening.on_work = self.fits.engine.on_work
+                self._screening.fits.on_work = self.fits.engine.on_work
         return self._screening
 
     def know(self, fit: Fit) -> None:

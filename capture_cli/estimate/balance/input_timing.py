@@ -16,9 +16,9 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from capture_cli.common.frozen import frozen
+from capture_cli.estimate.balance.balanced_fits import by_parameter, declared
 from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.regression import Sums, predicted, with_prior
-from capture_cli.estimate.balance.screening import by_parameter, declared
 from capture_cli.estimate.balance.whitening import Whitening
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 

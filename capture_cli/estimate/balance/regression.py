@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from capture_cli.common.frozen import frozen
 
@@ -68,7 +69,7 @@ def additions(
     errors = np.empty((len(base.count), pull.shape[1]))
     size = base.pull.shape[1]
     for b in range(len(base.count)):
-        found = _solved(base, across, gram, pull, expected, leave=b)
+        found = _coefficients(base, across, gram, pull, expected, leave=b)
         first, added = found[:, :size], found[:, size:]
         errors[b] = (
             base.target[b]
@@ -79,7 +80,7 @@ def additions(
         )
     gains = 0.5 * base.count[:, None] * np.log(alone[:, None] / np.maximum(errors, SETTINGS.tiny))
     error = gains.std(axis=0, ddof=1) * np.sqrt(len(base.count))
-    return Gain(gains.sum(axis=0), error, _solved(base, across, gram, pull, expected, leave=None))
+    return Gain(gains.sum(axis=0), error, _coefficients(base, across, gram, pull, expected, leave=None))
 
 
 def best_pairs(
@@ -131,7 +132,29 @@ def with_prior(gram: np.ndarray) -> np.ndarray:
     return found
 
 
-def _solved(
+def solved(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Coefficients (column,) of least squares with a prior of 1 about 0."""
+    return np.linalg.solve(with_prior(columns.T @ columns), columns.T @ target)
+
+
+def without(apart: np.ndarray, *rows: np.ndarray) -> list[np.ndarray]:
+    """Each of `rows` (row, ...) less what the columns `apart` (row, column) fit of it."""
+    return [r - apart @ solved(apart, r) for r in rows]
+
+
+def step_within(
+    slope: np.ndarray, target: np.ndarray, here: np.ndarray, low: np.ndarray, high: np.ndarray, far: float
+) -> np.ndarray:
+    """The step (column,), in ranges, that takes most from `target` (row,), within the bounds and a distance."""
+    if not len(here):
+        return np.zeros(0)
+    span = high - low
+    bottom, top = np.maximum((low - here) / span, -far), np.minimum((high - here) / span, far)
+    whole = np.vstack([slope, np.eye(len(here))]), np.append(-target, np.zeros(len(here)))
+    return lsq_linear(*whole, bounds=(bottom - 1e-12, top + 1e-12)).x
+
+
+def _coefficients(
     base: Sums,
     across: np.ndarray,
     gram: np.ndarray,

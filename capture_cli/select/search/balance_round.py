@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from capture_cli.estimate.balance.screening import BalancedModel, Screening
+from capture_cli.estimate.balance.balanced_model import BalancedModel
+from capture_cli.estimate.balance.screening import Screening
 from capture_cli.estimate.fit import Fit, least
 from capture_cli.estimate.model_fits import Effort
 from capture_cli.estimate.noise.lack_of_fit import lack_of_fit

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.processes import in_processes
-from capture_cli.estimate.balance.screening import Addition, BalancedModel, Screening
+from capture_cli.estimate.balance.balanced_model import BalancedModel
+from capture_cli.estimate.balance.screening import Addition, Screening
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.effects.placed import Placed, names_of
 
@@ -112,7 +113,7 @@ def grown(
         more = _more(screening, growing, len(effects), settings)
         models = [m for found, _ in more for m in found]
         if size == 2:
-            models += screening.all_fitted(screening.pairs(effects, values, settings.pairs))
+            models += screening.fits.all_fitted(screening.pairs(effects, values, settings.pairs))
         models = _best(models)
         if not models:
             return
@@ -142,7 +143,7 @@ def _with_others(
                 effects, values = list(model.effects), list(model.values)
                 effects[k], values[k] = other.effects[-1], other.values[-1]
                 found.append(replace(model, effects=tuple(effects), values=tuple(values)))
-    return screening.all_fitted(found)
+    return screening.fits.all_fitted(found)
 
 
 def _of_each_kind(groups: Sequence[Sequence[Addition]], count: int) -> list[Addition]:
@@ -212,7 +213,7 @@ def _made(
         if len(others) > 1:  # one alone is among the branches, if it is good
             found.append(_together(others, len(model.effects)))
     alike = {a.placed.name: [o.model for o in g if o is not a] for g in groups for a in g}
-    return screening.all_fitted(found), alike
+    return screening.fits.all_fitted(found), alike
 
 
 def _together(models: Sequence[BalancedModel], known: int) -> BalancedModel:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from capture_cli.common.frozen import frozen
-from capture_cli.estimate.balance.screening import BalancedModel
+from capture_cli.estimate.balance.balanced_model import BalancedModel
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.model_fits import Effort
 from capture_cli.model.effects.placed import Placed
@@ -172,7 +172,7 @@ class Rivals:
             return False
         declared = current.point[: len(self.models.fits.prepared.task.space)]
         model = BalancedModel(tuple(current.effects), declared, tuple(current.values))
-        return screening.judged(model).beyond_noise > SETTINGS.contradicts
+        return screening.fits.judged(model).beyond_noise > SETTINGS.contradicts
 
     def compare(self, current: Fit, some: Sequence[Accepted]) -> Fit:
         """Put rivals of `some` accepted effects in their places: swap where one is better, tie where none can tell."""
