@@ -126,7 +126,7 @@ class Screening:
         acting = [(p.effect, v) for p, v in zip(effects, values, strict=True)]
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             balance = ForceBalance(self.balance.smoothed, point, self.balance.threads, acting)
-            other = self._in(balance, Whitening(balance))
+            other = self._in(balance, self.whitening.about(balance))
         if other.fits.runs_away(BalancedModel(tuple(effects), point, tuple(values))):
             names = " and ".join(p.name for p in effects)
             raise LogError(f"with {names} the model runs away along the log", cure="")

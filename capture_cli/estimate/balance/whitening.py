@@ -93,15 +93,17 @@ class Whitening:
         self.size = min(settings.rows_in_segment, total // settings.segments)
         filters = smoothed.filtering(self.averages, points.part, points.step)
         self._filters = [[own[i] for i in self.dofs] for own in filters]
-        self._rows, self._responses = self._noise_of_rows()
-        self.noise, self.slow, self.white = self._covariances()
+        rows, self._responses = self._noise_of_rows()
+        self.white = _autocovariance(rows[:, np.unique(rows.indices)].toarray(), self.size)
+        self.noise, self.slow = self._noise_covariances()
         self.spans = [
             (n, slice(int(rows[0]), int(rows[-1]) + 1))
             for n, averages in enumerate(self.averages)
             if averages.shape[0]
             for rows in np.array_split(np.arange(averages.shape[0]), -(-averages.shape[0] // self.size))
         ]
-        self.segments = self._segments(settings.reach / cutoff)
+        self._reach = settings.reach / cutoff
+        self.segments = self._segments()
         self._diagonals: dict[tuple, tuple[np.ndarray, np.ndarray, float]] = {}
         self.reset()
 
@@ -271,8 +273,8 @@ class Whitening:
         """Logarithm of the white acceleration that is as large as the sensors' white noise."""
         return float(np.log10(np.sqrt(self.noise[dof][0] / self.white[0])))
 
-    def _segments(self, reach: float) -> list[Segment]:
-        """The rows of each span in which a coordinate moves, no nearer than `reach`, s, to where it rests: its
+    def _segments(self) -> list[Segment]:
+        """The rows of each span in which a coordinate moves, no nearer than `_reach`, s, to where it rests: its
         acceleration jumps where it comes to rest or breaks away, and smoothing spreads the jump. Nor to where nobody
         knows how it moves.
         """
@@ -285,7 +287,7 @@ class Whitening:
             ends = [time[averages.indices[a:b]][[0, -1]] for a, b in pairwise(averages.indptr)]
             low, high = np.array(ends).reshape(-1, 2).T
             counts = np.cumsum(np.vstack([np.zeros(len(self.dofs), dtype=int), rests]), axis=0)
-            until, since = np.searchsorted(time, high + reach), np.searchsorted(time, low - reach)
+            until, since = np.searchsorted(time, high + self._reach), np.searchsorted(time, low - self._reach)
             moves.append(counts[until] == counts[since])
         for number, (n, rows) in enumerate(self.spans):
             for i in range(len(self.dofs)):
@@ -320,9 +322,15 @@ class Whitening:
     def at(self, balance: ForceBalance) -> Whitening:
         """The same in another balance of the same log, where the model has other slopes."""
         moved = self.along(balance)
-        moved.noise, moved.slow, moved.white = moved._covariances()
+        moved.noise, moved.slow = moved._noise_covariances()
         moved._diagonals = {}
         moved.reset()
+        return moved
+
+    def about(self, balance: ForceBalance) -> Whitening:
+        """Likewise, where other stretches rest, too."""
+        moved = self.at(balance)
+        moved.segments = moved._segments()
         return moved
 
     def _noise_of_rows(self) -> tuple[csr_array, list[tuple[int, np.ndarray]]]:
@@ -344,9 +352,9 @@ class Whitening:
                     found.append((number, weight * series.sd * np.array(responses)))
         return some, found
 
-    def _covariances(self) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
-        """Autocovariance of rows: by sensors' white noise of each coordinate, (lag,), by as much of slow noise,
-        (memory, lag), and by white accelerations, (lag,).
+    def _noise_covariances(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Autocovariance of rows by sensors' white noise of each coordinate, (lag,), and by as much of slow noise,
+        (memory, lag).
         """
         size, memories = self.size, self.settings.memories
         stiffness, damping = (slopes[self.dofs] for slopes in self.balance.slopes())
@@ -356,8 +364,7 @@ class Whitening:
             response = acceleration - damping[dof] * velocity - stiffness[dof] * position
             noise[dof] += _autocovariance(response, size)
             slow[dof] += [_autocovariance(_remembering(response, m), size) for m in memories]
-        used = np.unique(self._rows.indices)
-        return noise, slow, _autocovariance(self._rows[:, used].toarray(), size)
+        return noise, slow
 
     def _covariance(self, dof: int, model_error: float, slow_noise: np.ndarray) -> np.ndarray:
         lags = self.noise[dof] + model_error**2 * self.white + slow_noise**2 @ self.slow[dof]
