@@ -23,7 +23,8 @@ from capture_cli.common.similarity import similarity
 from capture_cli.errors import LogError
 from capture_cli.estimate.balance.dictionary import SETTINGS as DICTIONARY
 from capture_cli.estimate.balance.dictionary import Atom, atoms
-from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
+from capture_cli.estimate.balance.force_balance import ForceBalance
+from capture_cli.estimate.balance.forward_dynamics import Accelerations
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted, with_prior
 from capture_cli.estimate.balance.whitening import Whitening
