@@ -12,6 +12,7 @@ from recorded_logs import record_log
 from setting_numbers import set_numbers
 
 from capture_cli.estimate.balance.force_balance import ForceBalance
+from capture_cli.estimate.balance.forward_dynamics import ForwardDynamics
 from capture_cli.estimate.balance.trees import trees
 from capture_cli.estimate.log_balance import smoothed_log
 from capture_cli.estimate.model_fits import ModelFits
@@ -195,15 +196,15 @@ def test_a_balance_is_worked_out_anew_in_trees_that_change(prepared, monkeypatch
 
     def changes() -> tuple[np.ndarray, set[int]]:
         balance, asked = ForceBalance(smoothed, prepared.task.space.nominal), set()
-        changed = ForceBalance._changed
+        changed = ForwardDynamics._changed
         with monkeypatch.context() as patched:
             patched.setattr(
-                ForceBalance, "_changed", lambda *a, **k: asked.add(len(f := changed(*a, **k))) or f
+                ForwardDynamics, "_changed", lambda *a, **k: asked.add(len(f := changed(*a, **k))) or f
             )
             return np.stack([c.predicted for c in balance.of_effect(effect, values)]), asked
 
     found, asked = changes()
-    monkeypatch.setattr(ForceBalance, "_changed", lambda self, model, *_, **__: trees(model))
+    monkeypatch.setattr(ForwardDynamics, "_changed", lambda self, model, *_, **__: trees(model))
     expected, _ = changes()
-    assert asked == ({2} if name == "gravity-tilt" else {1, 2})  # as it is all are
+    assert asked == ({2} if name == "gravity-tilt" else {1, 2})  # all of the first, for nothing is known yet
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())

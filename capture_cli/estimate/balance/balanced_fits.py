@@ -16,7 +16,8 @@ from capture_cli.common.frozen import frozen
 from capture_cli.common.processes import in_processes
 from capture_cli.estimate.balance.balanced_model import BalancedModel, with_numbers
 from capture_cli.estimate.balance.dictionary import SETTINGS as DICTIONARY
-from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
+from capture_cli.estimate.balance.force_balance import ForceBalance
+from capture_cli.estimate.balance.forward_dynamics import Accelerations
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.regression import Sums, predicted, solved, step_within, with_prior, without
 from capture_cli.estimate.balance.whitening import Whitening

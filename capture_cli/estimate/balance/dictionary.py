@@ -10,7 +10,8 @@ import numpy as np
 
 from capture_cli.common.frozen import frozen
 from capture_cli.common.similarity import similarity
-from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
+from capture_cli.estimate.balance.force_balance import ForceBalance
+from capture_cli.estimate.balance.forward_dynamics import Accelerations
 from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.base import Effect
 from capture_cli.model.effects.placed import Placed

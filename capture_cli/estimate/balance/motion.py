@@ -85,7 +85,7 @@ class SmoothedLog:
     def _smoothed(cls, log: Log, task: Task, within: np.ndarray, sources: Sequence[Source]) -> SmoothedLog:
         """As of `of`, what no sensor shows as the model begins."""
         used = sorted({c for s in sources for c in s.columns})
-        parts = [p for whole in stretches(log.time, log.sampled, log.episodes) for p in _runs(whole, within)]
+        parts = [p for whole in stretches(log.time, log.sampled, log.episodes) for p in runs(whole, within)]
         parts = [p for p in parts if log.sampled[p][:, used].sum(axis=0).min(initial=len(log.time)) >= FEWEST]
         if not parts or not used:
             raise _too_short()
@@ -191,7 +191,7 @@ def _too_short() -> LogError:
     )
 
 
-def _runs(whole: slice, within: np.ndarray) -> list[slice]:
+def runs(whole: slice, within: np.ndarray) -> list[slice]:
     """The longest slices of `whole` in which every step is `within` (step,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], within[whole], [False]]).astype(int)))
     return [slice(whole.start + a, whole.start + b) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -9,7 +9,18 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from capture_cli.estimate.balance.motion import SmoothedLog
+from capture_cli.common.frozen import frozen
+from capture_cli.estimate.balance.motion import SmoothedLog, runs
+
+
+@frozen
+class SETTINGS:
+    """none: standard deviations of a velocity, below which it may be none. resting: half periods of the fastest motion
+    that is smoothed, for which it is then at rest: a turning point is shorter.
+    """
+
+    none: float = 3.0
+    resting: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -52,3 +63,14 @@ class Points:
         for own in self.stretches:
             slope[own] = CubicSpline(self.since[own], series[own])(self.since[own], nu=1)
         return slope
+
+    def at_rest(self, smoothed: SmoothedLog, velocity: np.ndarray) -> np.ndarray:
+        """Where a coordinate is at rest for longer than a turn of the motion takes, (point, nv), of its velocity."""
+        cutoff = max(s[0].cutoff for s in smoothed.series.values())
+        shortest = max(int(np.ceil(SETTINGS.resting * np.pi / cutoff / self.interval)), 2)
+        slow = np.abs(velocity) < SETTINGS.none * smoothed.sd(1)
+        found = np.zeros_like(slow)
+        for dof, own in enumerate(slow.T):
+            for run in (r for stretch in self.stretches for r in runs(stretch, own)):
+                found[run, dof] = run.stop - run.start >= shortest
+        return found

@@ -47,6 +47,14 @@ class ReportedMotion:
             late -= np.reshape(effect.drift(each, self.points.elapsed), (-1, 1))
         return late
 
+    def unknown(self, late: np.ndarray) -> np.ndarray:
+        """Where what is true is reported, `late` s after (point, output), before or after the stretch, (point,)."""
+        found, time = np.zeros(len(self.points), dtype=bool), self.smoothed.log.time
+        for own, part in zip(self.points.stretches, self.smoothed.parts, strict=True):
+            at = self.points.since[own, None] + late[own]
+            found[own] = ((at < 0) | (at > time[part.stop - 1] - time[part.start])).any(axis=1)
+        return found
+
     def true(self, numbers: np.ndarray, reporting: Sequence[AtValues]) -> np.ndarray:
         """Outputs with slopes and curvatures as they truly are, (point, 3, output), of `numbers` as they are reported
         when that is in time. Of an effect that does not say what becomes of the curvature it is the slope of its slope.

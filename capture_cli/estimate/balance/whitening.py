@@ -25,7 +25,8 @@ from scipy.sparse import csr_array
 
 from capture_cli.common.recursive_filter import recursively_filtered
 from capture_cli.errors import LogError
-from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
+from capture_cli.estimate.balance.force_balance import ForceBalance
+from capture_cli.estimate.balance.forward_dynamics import Accelerations
 
 
 @dataclass(frozen=True)
