@@ -275,6 +275,19 @@ def test_two_effects_are_found_of_which_a_third_does_more_than_either():
     assert [e.kind for e in best.effects] == ["coulomb-friction"]
 
 
+def test_a_model_that_no_descent_got_to_is_as_likely_as_it_is():
+    """Two springs on one joint: to first order they do as a third that is far from either."""
+    own = Made.of("cart_pole", ("coupled-spring", "theta", 0.01), episodes=4)
+    both = [p for p in own.placed if p.name in ("coupled-spring@theta", "preloaded-spring@theta")]
+    fits = own.screening(both).fits
+    values = (np.array([0.046, 0.167, -0.036]), np.array([-0.008, -0.105]))
+    begun = BalancedModel(tuple(both), own.truth, values)
+    promised, found = fits.judged(begun), fits.fitted(begun)
+    assert promised.at_values.sum() < promised.likelihood.sum() - 1e3
+    assert found.at_values.sum() > promised.at_values.sum() + 1e3
+    assert found.likelihood.sum() <= found.at_values.sum()
+
+
 def test_a_pair_is_found_of_which_one_is_not_among_the_best_alone():
     """Before a gear's coupling come more single effects than are grown."""
     pair = ("coupled-drive@tilt", "viscoelastic-spring@pan")

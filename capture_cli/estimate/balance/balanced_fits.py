@@ -111,7 +111,7 @@ class BalancedFits:
         begins where it is far from linear.
         """
         self.whitening.reset()  # what was asked before is not to matter
-        return self.judged(self._descended(self.judged(model), far_off))
+        return self.judged(self._descended(self.judged(model), far_off)).as_it_is()
 
     def all_fitted(self, models: Sequence[BalancedModel]) -> list[BalancedModel]:
         """As `fitted`, each of them."""
@@ -126,7 +126,7 @@ class BalancedFits:
         target, columns = self._system(model)
         if not _is_bounded((*target, *columns)):
             nowhere = np.full(int(self._block.max()) + 1, np.nan)
-            return replace(model, likelihood=nowhere, at_values=-np.inf)
+            return replace(model, likelihood=nowhere, at_values=np.full(len(nowhere), -np.inf))
         slow = np.zeros_like(self.whitening.slow_noise) if model.slow_noise is None else model.slow_noise
         self.whitening.adapt(self._left(model, target, columns), slow)
         target, columns = -self.white(target)[:, 0], self.white(columns)
@@ -134,7 +134,7 @@ class BalancedFits:
         determinants = np.bincount(self._block, weights=self.whitening.log_determinants())
         likelihood = determinants - 0.5 * predicted(sums)
         [left] = without(columns[:, len(model.start) :], target)
-        at_values = float(determinants.sum() - 0.5 * left @ left)
+        at_values = determinants - 0.5 * np.bincount(self.block_of_row, weights=left**2)
         beyond_noise = self.whitening.beyond_noise
         return replace(model, likelihood=likelihood, beyond_noise=beyond_noise, at_values=at_values)
 

@@ -17,8 +17,8 @@ class BalancedModel:
 
     likelihood (block,): of each block, by the model that is fitted to the others. slow_noise (memory, nv): of the
     sensors, as far as a model that this one grew from leaves it; none where None. beyond_noise: what it leaves, as of
-    `Whitening`. at_values: log likelihood of the whole log with the parameters as they are; `likelihood` has them a
-    linear step on.
+    `Whitening`. at_values (block,): likelihood with the parameters as they are; `likelihood` has them a linear step on,
+    which need not be there, or within their ranges.
     """
 
     effects: tuple[Placed, ...]
@@ -27,7 +27,7 @@ class BalancedModel:
     likelihood: np.ndarray = field(default_factory=lambda: np.zeros(0))
     slow_noise: np.ndarray | None = None
     beyond_noise: float = np.inf
-    at_values: float = -np.inf
+    at_values: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def start(self) -> np.ndarray:
@@ -43,6 +43,11 @@ class BalancedModel:
     def numbers(self) -> dict[str, Any]:
         """All of it but the effects, by name."""
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "effects"}
+
+    def as_it_is(self) -> BalancedModel:
+        """Where a descent did not get to what a linear step promises: with the likelihood that it has."""
+        kept = self.at_values.sum() >= self.likelihood.sum() or np.isnan(self.likelihood).any()
+        return self if kept else replace(self, likelihood=self.at_values)
 
     def gain(self, other: BalancedModel) -> tuple[float, float]:
         """Of predictive log likelihood over another model, and its standard error over blocks."""

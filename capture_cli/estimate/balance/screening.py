@@ -226,7 +226,7 @@ class Screening:
                 begun, rest = next(each), rest[1:]
                 gains = [m.gain(model) for m in begun]
                 # not by the gain: to first order a start from which no descent gets there promises as much
-                best = int(np.argmax([m.at_values for m in begun]))
+                best = int(np.argmax([m.at_values.sum() for m in begun]))
                 more, (gain, error) = begun[best], gains[best]
                 if np.isfinite(gain):
                     polished.append(replace(addition, model=more, gain=gain, error=error))
