@@ -143,8 +143,7 @@ class ForwardDynamics:
         is; all where bodies touch.
         """
         every, own = trees(model), self.model
-        is_known = "null" in self.__dict__ and model.opt.timestep == own.opt.timestep
-        if len(every) == 1 or self.unshown.size or not is_known:
+        if len(every) == 1 or self.unshown.size or model.opt.timestep != own.opt.timestep:
             return every
         differs = _apart(smooth, self.null.smooth).any(axis=0)
         for name in _OF_FRICTION:
