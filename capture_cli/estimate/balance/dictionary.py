@@ -88,6 +88,10 @@ class Atom:
             one = slice(k, k + 1)
             yield replace(self, amplitudes=(index,), unit=self.unit[one], known=self.known[one]), [columns[k]]
 
+    def amplitudes_by(self, coefficients: np.ndarray) -> np.ndarray:
+        """Those of its amplitudes, (amplitude,), of coefficients of all of its columns, (column,), over `scale`."""
+        return coefficients[: len(self.known)] * self.known
+
     def allows(self, coefficients: np.ndarray) -> bool:
         """Whether coefficients (amplitude,) have the signs that the effect's range allows, and the atom's own."""
         if self.one_way and (coefficients < 0).any():

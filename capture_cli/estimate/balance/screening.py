@@ -6,7 +6,7 @@ balance; nothing is simulated. What comes out is a ranking, with the values that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from contextlib import closing
 from copy import copy
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from capture_cli.estimate.balance.balanced_model import BalancedModel, with_numb
 from capture_cli.estimate.balance.dictionary import Atom, atoms
 from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.motion import SmoothedLog
-from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, without
+from capture_cli.estimate.balance.regression import Gain, Sums, additions, best_pairs, without
 from capture_cli.estimate.balance.whitening import Whitening
 from capture_cli.log.input_sequences import Hold
 from capture_cli.model.effects.placed import Placed
@@ -284,60 +284,54 @@ class Screening:
     def _screened(self, model: BalancedModel) -> list[Addition]:
         """The best atom of each effect that is not in the model, best first."""
         target, own, free = self.fits.white_system(model)
-        row_block = self.fits.block_of_row
-        base = Sums.of(target, own, row_block)
-        blocks = [np.flatnonzero(row_block == b) for b in range(len(base.count))]
-        first = np.cumsum([0] + [len(a.scale) for a in self.atoms])
-        names = {e.name for e in model.effects}
         best: dict[tuple[str, int], Addition] = {}
-        for size in sorted({len(a.scale) for a in self.atoms}):
-            numbers = [
-                k for k, a in enumerate(self.atoms) if len(a.scale) == size and a.placed.name not in names
-            ]
-            for some in np.array_split(numbers, -(-len(numbers) // SETTINGS.at_once)) if numbers else []:
-                self.fits.on_work()
-                which = (first[some][:, None] + np.arange(size)).ravel()
-                known = np.concatenate([self.atoms[n].scale for n in some])
-                white = self.fits.white([c[..., which] for c in self.columns]) * known
-                each = white.reshape(len(white), len(some), size)
-                gain = additions(
-                    base,
-                    np.array([(own[p].T @ white[p]).reshape(-1, len(some), size) for p in blocks]),
-                    np.array([np.einsum("rma,rmc->mac", each[p], each[p]) for p in blocks]),
-                    np.array([(target[p] @ white[p]).reshape(len(some), size) for p in blocks]),
-                    np.array([self.atoms[n].expected for n in some]),
-                )
-                for k, number in enumerate(some):
-                    atom, coefficients = self.atoms[number], gain.coefficients[k]
-                    amplitudes = coefficients[-size:][: len(atom.known)] * atom.known
-                    key = atom.placed.name, number if atom.placed.effect.mixes else 0
-                    known_best = best.get(key)
-                    if not (np.isfinite(gain.mean[k]) and atom.allows(amplitudes)):
-                        continue
-                    if known_best and known_best.gain >= gain.mean[k]:
-                        continue
+        for some in self._portions({e.name for e in model.effects}):
+            self.fits.on_work()
+            each, gain = self._added(target, own, some)
+            for k, number in enumerate(some):
+                atom, mean, error = self.atoms[number], float(gain.mean[k]), float(gain.error[k])
+                of_base, of_atom = np.split(gain.coefficients[k], [-each.shape[2]])
+                key = atom.placed.name, number if atom.placed.effect.mixes else 0
+                is_best = key not in best or mean > best[key].gain
+                if np.isfinite(mean) and atom.allows(atom.amplitudes_by(of_atom)) and is_best:
                     step = np.zeros(len(free))
-                    step[free] = coefficients[:-size]
-                    more = self.fits.moved(model, step)
-                    more = replace(
-                        more,
-                        effects=(*more.effects, atom.placed),
-                        values=(*more.values, atom.at(amplitudes)),
-                        likelihood=np.zeros(0),
-                    )
-                    response = each[:, k] @ coefficients[-size:]
-                    best[key] = Addition(more, float(gain.mean[k]), float(gain.error[k]), response)
-        shapes: dict[str, list[Addition]] = {}
-        for addition in sorted(best.values(), key=lambda a: -a.gain):
-            shapes.setdefault(addition.placed.name, []).append(addition)
-        return [
-            replace(
-                first,
-                response=without(own, first.response)[0],
-                elsewhere=tuple(a.model for a in others),
-            )
-            for first, *others in shapes.values()
-        ]
+                    step[free] = of_base
+                    more = self._with_atom(self.fits.moved(model, step), atom, of_atom)
+                    best[key] = Addition(more, mean, error, each[:, k] @ of_atom)
+        return _by_effect(best.values(), own)
+
+    def _portions(self, inside: Set[str]) -> Iterator[np.ndarray]:
+        """Numbers of atoms with as many columns, as many as fit into memory at once; none of the effects `inside`."""
+        for size in sorted({len(a.scale) for a in self.atoms}):
+            own = [len(a.scale) == size and a.placed.name not in inside for a in self.atoms]
+            numbers = np.flatnonzero(own)
+            yield from np.array_split(numbers, -(-len(numbers) // SETTINGS.at_once)) if len(numbers) else []
+
+    def _added(self, target: np.ndarray, own: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, Gain]:
+        """White columns (row, atom, column) of the atoms of these numbers, over how large their coefficients may be,
+        and the gain of each, with its coefficients after those of the columns `own` (row, column).
+        """
+        size, row_block = len(self.atoms[some[0]].scale), self.fits.block_of_row
+        first = np.cumsum([0] + [len(a.scale) for a in self.atoms])
+        which = (first[some][:, None] + np.arange(size)).ravel()
+        known = np.concatenate([self.atoms[n].scale for n in some])
+        white = self.fits.white([c[..., which] for c in self.columns]) * known
+        each, base = white.reshape(len(white), len(some), size), Sums.of(target, own, row_block)
+        blocks = [np.flatnonzero(row_block == b) for b in range(len(base.count))]
+        gain = additions(
+            base,
+            np.array([(own[p].T @ white[p]).reshape(-1, len(some), size) for p in blocks]),
+            np.array([np.einsum("rma,rmc->mac", each[p], each[p]) for p in blocks]),
+            np.array([(target[p] @ white[p]).reshape(len(some), size) for p in blocks]),
+            np.array([self.atoms[n].expected for n in some]),
+        )
+        return each, gain
+
+    @staticmethod
+    def _with_atom(model: BalancedModel, atom: Atom, coefficients: np.ndarray) -> BalancedModel:
+        """The model with the atom's effect at what these coefficients (column,) say."""
+        values = (*model.values, atom.at(atom.amplitudes_by(coefficients)))
+        return replace(model, effects=(*model.effects, atom.placed), values=values, likelihood=np.zeros(0))
 
     # --- two more, and ties ---
 
@@ -379,3 +373,20 @@ class Screening:
 
     def _are_alike(self, one: Addition, other: Addition) -> bool:
         return abs(similarity(one.response, other.response)) > SETTINGS.alike
+
+
+def _by_effect(found: Iterable[Addition], own: np.ndarray) -> list[Addition]:
+    """One addition of each effect, best first, with the others of it `elsewhere`; responses less what the columns `own`
+    (row, column) fit of them.
+    """
+    shapes: dict[str, list[Addition]] = {}
+    for addition in sorted(found, key=lambda a: -a.gain):
+        shapes.setdefault(addition.placed.name, []).append(addition)
+    return [
+        replace(
+            first,
+            response=without(own, first.response)[0],
+            elsewhere=tuple(a.model for a in others),
+        )
+        for first, *others in shapes.values()
+    ]
