@@ -83,8 +83,7 @@ class Screening:
     ):
         self.placed = placed
         self._set(BalancedFits(balance, whitening))
-        self.atoms: list[Atom] = []
-        self.columns = self._dictionary(placed, on_step)
+        self.atoms, self.columns = self._dictionary(placed, on_step)
         self.covered = frozenset(a.placed.name for a in self.atoms)
 
     @classmethod
@@ -137,11 +136,11 @@ class Screening:
         late command acts at other states.
         """
         new, other = [p for p in self.placed if p.effect.place in places], copy(self)
-        other._known, other.atoms = {}, []
-        columns = other._dictionary(new, lambda *_: None)
+        other._known = {}
+        made, columns = self._dictionary(new, lambda *_: None)
         old = [a.placed.effect.place not in places for a in self.atoms]
         of_old = np.repeat(old, [len(a.scale) for a in self.atoms])
-        other.atoms = [a for a, keep in zip(self.atoms, old, strict=True) if keep] + other.atoms
+        other.atoms = [a for a, keep in zip(self.atoms, old, strict=True) if keep] + made
         other.columns = [
             np.concatenate([own[..., of_old], more], axis=-1)
             for own, more in zip(self.columns, columns, strict=True)
@@ -163,17 +162,20 @@ class Screening:
 
     # --- columns ---
 
-    def _dictionary(self, placed: Sequence[Placed], on_step: Callable) -> list[np.ndarray]:
-        """Rows (row, nv, column) of each stretch of the atoms, in single precision: there may be thousands, or none."""
-        rows = [[r.astype(np.float32) for r in self.whitening.rows([])]]
+    def _dictionary(self, placed: Sequence[Placed], on_step: Callable) -> tuple[list[Atom], list[np.ndarray]]:
+        """Atoms of effects, and rows (row, nv, column) of each stretch of them, in single precision: there may be
+        thousands, or none.
+        """
+        made, rows = [], [[r.astype(np.float32) for r in self.whitening.rows([])]]
         found = in_processes(self._atoms, placed, self.balance.threads)
         for number, one in enumerate(placed):
             on_step("balance", number, len(placed))
             own, columns = next(found)
             if own:
-                self.atoms += [replace(atom, placed=one) for atom in own]
+                made += [replace(atom, placed=one) for atom in own]
                 rows.append(columns)
-        return [np.concatenate([r[n] for r in rows], axis=-1) for n in range(len(self.whitening.averages))]
+        stretches = range(len(self.whitening.averages))
+        return made, [np.concatenate([r[n] for r in rows], axis=-1) for n in stretches]
 
     def _atoms(self, placed: Placed) -> tuple[list[Atom], list[np.ndarray]]:
         """Its atoms, without the effect, and their rows (row, nv, column) of each stretch, in single precision."""
