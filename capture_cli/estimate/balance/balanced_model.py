@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.estimate.balance.regression import sum_and_error
 from capture_cli.model.effects.placed import Placed
 
 
@@ -51,8 +52,7 @@ class BalancedModel:
 
     def gain(self, other: BalancedModel) -> tuple[float, float]:
         """Of predictive log likelihood over another model, and its standard error over blocks."""
-        gains = self.likelihood - other.likelihood
-        return float(gains.sum()), float(gains.std(ddof=1) * np.sqrt(len(gains)))
+        return sum_and_error(self.likelihood - other.likelihood)
 
 
 def with_numbers(models: Sequence[BalancedModel], numbers: Sequence[dict[str, Any]]) -> list[BalancedModel]:

@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 from capture_cli.common.frozen import frozen
 from capture_cli.estimate.balance.balanced_fits import by_parameter, declared
 from capture_cli.estimate.balance.force_balance import ForceBalance
-from capture_cli.estimate.balance.regression import Sums, predicted, with_prior
+from capture_cli.estimate.balance.regression import Sums, predicted, sum_and_error, with_prior
 from capture_cli.estimate.balance.whitening import Whitening
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 
@@ -204,11 +204,6 @@ def is_surely_better(known: np.ndarray, other: np.ndarray) -> bool:
     """Whether the likelihoods (block,) of another reading are surely higher."""
     gain, error = sum_and_error(other - known)
     return gain > max(SETTINGS.least, SETTINGS.sure * error)
-
-
-def sum_and_error(gains: np.ndarray) -> tuple[float, float]:
-    """Of gains (block,): their sum, and its standard error over blocks."""
-    return float(gains.sum()), float(gains.std(ddof=1) * np.sqrt(len(gains)))
 
 
 def _adapt(whitening: Whitening, target: Sequence[np.ndarray], columns: Sequence[np.ndarray]) -> None:

@@ -83,6 +83,11 @@ def additions(
     return Gain(gains.sum(axis=0), error, _coefficients(base, across, gram, pull, expected, leave=None))
 
 
+def sum_and_error(gains: np.ndarray) -> tuple[float, float]:
+    """Of gains (block,): their sum, and its standard error over blocks."""
+    return float(gains.sum()), float(gains.std(ddof=1) * np.sqrt(len(gains)))
+
+
 def best_pairs(
     responses: np.ndarray, target: np.ndarray, sizes: np.ndarray, alike: float, count: int
 ) -> list[tuple[int, int]]:
