@@ -63,6 +63,7 @@ class Answer:
         self.accepted: list[Accepted] = []
 
     def step(self, what: str, number: int, total: int) -> None:
+        """Tell what is being tried."""
         self.on_step(what, number, total, [a.placed for a in self.accepted])
 
     @property
@@ -85,10 +86,11 @@ class Answer:
         return self.models.support(without, fit, [self.candidate(a.name) for a in some], len(self.candidates))
 
     def candidate(self, name: str) -> Candidate:
+        """The one that is called so."""
         return next(c for c in self.candidates if c.name == name)
 
-    def with_set(self, chosen: FittedSet, rivals: list[Candidate], current: Fit) -> Fit:
-        """The model `chosen`, its effects accepted."""
+    def accept(self, chosen: FittedSet, rivals: list[Candidate], current: Fit) -> Fit:
+        """Accept the effects of the set `chosen`, whose model it returns. current: the model without them."""
         share = (current.excess - chosen.fit.excess) / self.models.excess / len(chosen.added)
         for placed in chosen.added:
             candidate = self.candidate(placed.name)

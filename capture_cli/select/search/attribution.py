@@ -76,7 +76,7 @@ class Attribution:
     def _with_what_holds(self, last: Fit) -> Fit:
         """`last`, with the best of what held in the round that was cut short. Nothing is simulated."""
         held = self.models.held
-        return self.answer.with_set(self.models.best_of(held), [], last) if held else last
+        return self.answer.accept(self.models.best_of(held), [], last) if held else last
 
     def _keep(self, current: Fit) -> Fit:
         """Take note of a model that is whole, and the effects in it; what held in its round is settled with it."""

@@ -103,21 +103,21 @@ class Extension:
             choice = ForwardRound(
                 self.models, current, told, patient=False, on_step=self.answer.step
             ).choose()
-            return None if choice is None else self.answer.with_set(*choice, current)
+            return None if choice is None else self.answer.accept(*choice, current)
         if steps := self._shorter_steps(current):
-            return self.answer.with_set(*steps, current)
+            return self.answer.accept(*steps, current)
         balance = self._balance_round(current)
         if balance is None:
             choice = self._by_simulation(current)
         else:
             choice = self._of_balance(balance)
             if self.models.is_explained(current):
-                return None if choice is None else self.answer.with_set(*choice, current)
+                return None if choice is None else self.answer.accept(*choice, current)
             if choice is None or self._leaves_much(choice[0].fit, current):
                 known = choice or self.answer.accepted or self.given
                 likeliest = [] if known else balance.ranked[: ANSWER.likeliest]
                 choice = self._better(choice, self._by_simulation(current, choice, likeliest))
-        return None if choice is None else self.answer.with_set(*choice, current)
+        return None if choice is None else self.answer.accept(*choice, current)
 
     def _shorter_steps(self, current: Fit) -> Choice | None:
         """The model in shorter steps, where no more explains the log: what an integrator leaves out is no
