@@ -34,14 +34,11 @@ from capture_cli.select.experiment.next_experiment import next_experiment
 from capture_cli.select.explanation import Explanation, Expression
 from capture_cli.select.expression import expression_terms
 from capture_cli.select.input_readings import held_instead
-from capture_cli.select.judged_models import JudgedModel, JudgedModels
+from capture_cli.select.judged_models import JudgedModel, JudgedModels, OnStep
 from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.select.search.answer import SETTINGS as ANSWER
 from capture_cli.select.search.attribution import Attribution
 from capture_cli.select.time_limit import TimeLimit
-
-# what is tried, its number, of how many, what was found so far
-OnStep = Callable[[str, int, int, Sequence[str]], None]
 
 
 @dataclass(frozen=True)

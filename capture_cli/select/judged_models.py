@@ -19,6 +19,9 @@ from capture_cli.select.minima import minima
 from capture_cli.select.model_comparison import ModelComparison, initial_states_found
 from capture_cli.select.time_limit import Made, TimeLimit
 
+# what is tried, its number, of how many, what was found so far
+OnStep = Callable[[str, int, int, Sequence[str]], None]
+
 
 @dataclass(frozen=True)
 class JudgedModel:
@@ -83,7 +86,7 @@ class JudgedModels:
         parts: LogParts,
         limit: TimeLimit,
         seed: int,
-        on_step: Callable[[str, int, int, Sequence[str]], None],
+        on_step: OnStep,
     ):
         self.fits, self.parts, self.limit = fits, parts, limit
         self.seed, self.on_step = seed, on_step

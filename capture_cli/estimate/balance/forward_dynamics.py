@@ -116,11 +116,11 @@ class ForwardDynamics:
 
     def written(self, fields: ModelFields) -> WorkedOut:
         """Of the model with other fields written."""
-        model = self._model_with(fields)
+        model, null = self._model_with(fields), self.null
         # dry friction is none of MuJoCo's
         names = {*fields.values, *self.fields.values} - {"dof_frictionloss"}
         if all(np.array_equal(*(model_field(m, name) for m in (model, self.model))) for name in names):
-            applied = self.null.smooth, self.null.push, self.null.contacts, self.null.inertia
+            applied = null.smooth, null.push, null.contacts, null.inertia
         else:
             applied = self.applied(self.runner(model), self.state, self.controls)
         return self._worked_out(model, applied, self.state, self._changed(model, applied[0], applied[-1]))

@@ -286,54 +286,66 @@ class Screening:
     def _screened(self, model: BalancedModel) -> list[Addition]:
         """The best atom of each effect that is not in the model, best first."""
         target, own, free = self.fits.white_system(model)
+        base = Sums.of(target, own, self.fits.block_of_row)
         best: dict[tuple[str, int], Addition] = {}
-        for some in self._portions({e.name for e in model.effects}):
+        for some, which in self._portions({e.name for e in model.effects}):
             self.fits.on_work()
-            each, gain = self._added(target, own, some)
+            each = self._white_columns(some, which)
+            gain = self._gain(base, target, own, each, [self.atoms[n].expected for n in some])
             for k, number in enumerate(some):
                 atom, mean, error = self.atoms[number], float(gain.mean[k]), float(gain.error[k])
                 of_base, of_atom = np.split(gain.coefficients[k], [-each.shape[2]])
+                amplitudes = atom.amplitudes_by(of_atom)
                 key = atom.placed.name, number if atom.placed.effect.mixes else 0
                 is_best = key not in best or mean > best[key].gain
-                if np.isfinite(mean) and atom.allows(atom.amplitudes_by(of_atom)) and is_best:
+                if np.isfinite(mean) and atom.allows(amplitudes) and is_best:
                     step = np.zeros(len(free))
                     step[free] = of_base
-                    more = self._with_atom(self.fits.moved(model, step), atom, of_atom)
+                    more = _with_atom(self.fits.moved(model, step), atom, amplitudes)
                     best[key] = Addition(more, mean, error, each[:, k] @ of_atom)
         return _by_effect(best.values(), own)
 
-    def _portions(self, inside: Set[str]) -> Iterator[np.ndarray]:
-        """Numbers of atoms with as many columns, as many as fit into memory at once; none of the effects `inside`."""
-        for size in sorted({len(a.scale) for a in self.atoms}):
-            own = [len(a.scale) == size and a.placed.name not in inside for a in self.atoms]
-            numbers = np.flatnonzero(own)
-            yield from np.array_split(numbers, -(-len(numbers) // SETTINGS.at_once)) if len(numbers) else []
-
-    def _added(self, target: np.ndarray, own: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, Gain]:
-        """White columns (row, atom, column) of the atoms of these numbers, over how large their coefficients may be,
-        and the gain of each, with its coefficients after those of the columns `own` (row, column).
+    def _portions(self, inside: Set[str]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Numbers of atoms with as many columns, as many as fit into memory at once, and those of their columns; none
+        of the effects `inside`.
         """
-        size, row_block = len(self.atoms[some[0]].scale), self.fits.block_of_row
-        first = np.cumsum([0] + [len(a.scale) for a in self.atoms])
-        which = (first[some][:, None] + np.arange(size)).ravel()
+        sizes = np.array([len(a.scale) for a in self.atoms], dtype=int)
+        first = np.cumsum(sizes) - sizes
+        outside = np.array([a.placed.name not in inside for a in self.atoms], dtype=bool)
+        for size in np.unique(sizes[outside]):
+            numbers = np.flatnonzero(outside & (sizes == size))
+            for some in np.array_split(numbers, -(-len(numbers) // SETTINGS.at_once)):
+                yield some, (first[some][:, None] + np.arange(size)).ravel()
+
+    def _white_columns(self, some: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """Columns `which`, those of the atoms of these numbers, white, over how large their coefficients may be, (row,
+        atom, column).
+        """
         known = np.concatenate([self.atoms[n].scale for n in some])
         white = self.fits.white([c[..., which] for c in self.columns]) * known
-        each, base = white.reshape(len(white), len(some), size), Sums.of(target, own, row_block)
-        blocks = [np.flatnonzero(row_block == b) for b in range(len(base.count))]
-        gain = additions(
-            base,
-            np.array([(own[p].T @ white[p]).reshape(-1, len(some), size) for p in blocks]),
-            np.array([np.einsum("rma,rmc->mac", each[p], each[p]) for p in blocks]),
-            np.array([(target[p] @ white[p]).reshape(len(some), size) for p in blocks]),
-            np.array([self.atoms[n].expected for n in some]),
-        )
-        return each, gain
+        return white.reshape(len(white), len(some), -1)
 
-    @staticmethod
-    def _with_atom(model: BalancedModel, atom: Atom, coefficients: np.ndarray) -> BalancedModel:
-        """The model with the atom's effect at what these coefficients (column,) say."""
-        values = (*model.values, atom.at(atom.amplitudes_by(coefficients)))
-        return replace(model, effects=(*model.effects, atom.placed), values=values, likelihood=np.zeros(0))
+    def _gain(
+        self,
+        base: Sums,
+        target: np.ndarray,
+        own: np.ndarray,
+        each: np.ndarray,
+        expected: Sequence[np.ndarray],
+    ) -> Gain:
+        """Of each atom with columns `each` (row, atom, column) beside the model's `own` (row, column), whose sums are
+        `base`. expected (atom, column): of their coefficients, what they are about beforehand.
+        """
+        block_of_row, (_, *shape) = self.fits.block_of_row, each.shape
+        white = each.reshape(len(each), -1)
+        blocks = [np.flatnonzero(block_of_row == b) for b in range(len(base.count))]
+        return additions(
+            base,
+            np.array([(own[p].T @ white[p]).reshape(-1, *shape) for p in blocks]),
+            np.array([np.einsum("rma,rmc->mac", each[p], each[p]) for p in blocks]),
+            np.array([(target[p] @ white[p]).reshape(shape) for p in blocks]),
+            np.array(expected),
+        )
 
     # --- two more, and ties ---
 
@@ -375,6 +387,12 @@ class Screening:
 
     def _are_alike(self, one: Addition, other: Addition) -> bool:
         return abs(similarity(one.response, other.response)) > SETTINGS.alike
+
+
+def _with_atom(model: BalancedModel, atom: Atom, amplitudes: np.ndarray) -> BalancedModel:
+    """The model, not judged yet, with the atom's effect at these amplitudes."""
+    effects, values = (*model.effects, atom.placed), (*model.values, atom.at(amplitudes))
+    return replace(model, effects=effects, values=values, likelihood=np.zeros(0))
 
 
 def _by_effect(found: Iterable[Addition], own: np.ndarray) -> list[Addition]:

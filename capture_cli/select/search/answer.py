@@ -48,23 +48,27 @@ class Accepted:
 
 
 class Answer:
-    """What a search found so far.
+    """What a search found so far, among the candidates of `models`.
 
-    candidates: all that may be found. on_step: as of `Attribution`. accepted: in the order of the model's effects.
+    on_step: as of `Attribution`. accepted: in the order of the model's effects.
     """
 
     def __init__(
         self,
         models: ModelComparison,
-        candidates: Sequence[Candidate],
         on_step: Callable[[str, int, int, Sequence[Placed]], None],
     ):
-        self.models, self.candidates, self.on_step = models, candidates, on_step
+        self.models, self.on_step = models, on_step
         self.accepted: list[Accepted] = []
 
     def step(self, what: str, number: int, total: int) -> None:
         """Tell what is being tried."""
         self.on_step(what, number, total, [a.placed for a in self.accepted])
+
+    @property
+    def candidates(self) -> Sequence[Candidate]:
+        """All that may be found."""
+        return self.models.candidates
 
     @property
     def outside(self) -> list[Candidate]:

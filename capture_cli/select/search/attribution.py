@@ -50,9 +50,8 @@ class Attribution:
         on_step: Callable[[str, int, int, Sequence[Placed]], None] = lambda *_: None,
     ):
         self.models = ModelComparison(fits, folds, seed=seed)
-        every = all_candidates(fits.prepared) if candidates is None else list(candidates)
-        self.models.candidates = every
-        self.answer = Answer(self.models, every, on_step)
+        self.models.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
+        self.answer = Answer(self.models, on_step)
         self.extension = Extension(self.answer, most=most_effects, given=candidates is not None)
         self.rivals = Rivals(self.answer)
         self._extended: set[frozenset[str]] = set()  # models, by their effects, that something was added to
