@@ -92,6 +92,12 @@ def test_without_contacts_they_stay_short(tmp_path, slider_task):
     assert prepared(out, slider_task).difference_step == 0.0
 
 
+def test_a_task_may_say_its_own_for_when_bodies_hit():
+    log = MeasuredLog.read(Path(__file__).resolve().parents[1] / "datasets" / "air_hockey.zarr")
+    ready = prepare(log, load_task("air-hockey"))
+    assert ready.difference_step == ready.task.space.steps.max() > 1e-2
+
+
 def test_parameters_are_found_through_contacts(log, tmp_path):
     ready = prepared(log, tray(tmp_path / "tray", 2.2))
     found = ModelFits(ready, threads=1).fit(ready, [], ready.task.space.nominal)

@@ -399,3 +399,19 @@ def test_identify_needs_nothing_but_the_shipped_log(tmp_path, monkeypatch, witho
     assert found["verdict"] == "unexplained"
     assert found["error"]["test"]["normalized"] > 2
     assert 0.9e-3 < min(found["noise_floor"].values()) <= max(found["noise_floor"].values()) < 1.1e-3
+
+
+def test_the_demo_finds_the_tilt_and_nothing_else(tmp_path, without_pages):
+    log, folder = str(ROOT / "datasets" / "air_hockey.zarr"), str(tmp_path / "demo")
+    for command in commands_of(ROOT / "README.md"):
+        if "datasets/air_hockey.zarr" in command:
+            words = shlex.split(command.replace("datasets/air_hockey.zarr", log).replace("runs/demo", folder))
+            result = CliRunner().invoke(app, [*words[1:], "--json"])
+            assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["verdict"] == "effect-found"
+    [tilt] = found["effects"]
+    truth = json.loads((ROOT / "datasets" / "air_hockey.truth.json").read_text())["effects"]
+    assert tilt["name"] == "gravity-tilt"
+    assert abs(tilt["parameters"]["tilt_y"]["value"] - truth["gravity-tilt.tilt_y"]) < 5e-4
+    assert found["after"]["test"]["normalized"] < 1.1

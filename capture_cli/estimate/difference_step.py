@@ -40,12 +40,12 @@ def difference_step(
     where None, with states moved by `corrections` (window, state), as measured where None; 0: none is too short. And
     how many windows were simulated to see that.
 
-    The shortest of `steps` over which the slopes of all parameters are those over the next, the longest where there is
-    none. 0, too, where the task says which it needs, nothing is open, or no two bodies touch and no joint or tendon
-    is at a stop.
+    That of the task, where it says one; else the shortest of `steps` over which the slopes of all parameters are those
+    over the next, the longest where there is none. 0, too, where nothing is open, or no two bodies touch and no joint
+    or tendon is at a stop.
     """
     space, model = prepared.task.space, prepared.task.model
-    if not len(space) or space.steps.max() > SETTINGS.steps[0] or not can_hit(model):
+    if not len(space) or not can_hit(model):
         return 0.0, 0
     point = space.nominal if point is None else point
     corrections = np.zeros_like(prepared.initial.sd) if corrections is None else corrections
@@ -54,6 +54,8 @@ def difference_step(
     simulator = Simulator(prepared.task, engine=Engine(model, threads))
     if not _hits(few, simulator, point, corrections):
         return 0.0, simulator.rollouts
+    if (own := float(space.steps.max())) > SETTINGS.steps[0]:
+        return own, simulator.rollouts
     rough = (_disagreement(few, simulator, point, corrections) > SETTINGS.agree).any(axis=1)
     longer = next(
         (s for s, r in zip(SETTINGS.steps[1:], rough[1:], strict=False) if not r), SETTINGS.steps[-1]
