@@ -158,16 +158,39 @@ class ForwardRound(Round):
         if reason := no_gain(current, fit, self._best):
             return reason
         reason, found = self._out_of_range(added, fit), None
+        if not (reason or self._may_hold(candidate, fit)):
+            reason = self._little(fit, material)
         if not reason:
             reason, found = self._judged(added, fit)
         if found is not None:
             self._held[candidate.name], fit = found, found.fit
-            reason = slight(current, fit, material) or leaves_something(current, fit, self.useful_error)
+            reason = self._little(fit, material)
         self._best = least([self._best, fit])
         if not reason:
             self.supported.append(found)
             self.models.held.append(found)
         return reason
+
+    def _may_hold(self, candidate: Candidate, fit: Fit) -> bool:
+        """Whether what judges has a say, which takes longer than the fit, however little that takes: its law may hold
+        at several places, and an escape may lead on.
+        """
+        places = self._places(candidate.placed.law, self.ranked)
+        return len(places) > 1 or self.models.may_escape(fit, self._best, self.useful_error)
+
+    def _little(self, fit: Fit, material: float) -> Rejection | None:
+        """What is said against a fit by how little it takes."""
+        return slight(self.current, fit, material) or leaves_something(self.current, fit, self.useful_error)
+
+    @staticmethod
+    def _places(law: str, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """The first of the candidates at each place where a law may be."""
+        places = {
+            c.placed.effect.variant_of: c
+            for c in reversed(candidates)
+            if c.placed.law == law and c.placed.effect.site != GLOBAL
+        }
+        return list(places.values())
 
     def _at_places(self) -> None:
         """Laws that hold somewhere at all of the places that scores speak for, at once, or at all of those where they
@@ -179,12 +202,8 @@ class ForwardRound(Round):
             self.on_step("law at all places", number, len(laws))
             best = least([self._held[c.name].fit for c in held if c.placed.law == law])
             for some in (self.ranked, held):
-                places = {
-                    c.placed.effect.variant_of: c
-                    for c in reversed(some)
-                    if c.placed.law == law and c.placed.effect.site != GLOBAL
-                }
-                if len(places) > 1 and (found := self._together(list(places.values()), best)):
+                places = self._places(law, some)
+                if len(places) > 1 and (found := self._together(places, best)):
                     self.supported.append(found)
                     break
 
