@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -16,7 +17,13 @@ from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.impacts import impacts
 from capture_cli.estimate.balance.motion import SmoothedLog
 from capture_cli.estimate.balance.whitening import Whitening
+from capture_cli.estimate.prepare import prepare
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
+from capture_cli.select.balance_scores import screening_of
+from capture_cli.select.candidates import all_candidates
 
+SHIPPED = Path(__file__).resolve().parents[1] / "datasets" / "air_hockey.zarr"
 WALL_AT = 1.2 - 0.2 - 0.04  # m: its middle, half its width, and the radius of the puck
 CORNER = """<mujoco>
   <worldbody>
@@ -117,7 +124,7 @@ def test_effects_of_impacts_are_left_to_simulations(puck):
 
 def test_sensors_are_asked_of_simulations_too_where_bodies_hit(puck):
     """A frame that is turned bends no straight path: what shows it is where the wall is."""
-    names = {"sensor-frame-rotation@x+y", "sensor-scale@x", "control-gain@push", "coulomb-friction@x"}
+    names = {"sensor-frame-rotation@x+y", "sensor-scale@x", "coulomb-friction@x"}
     few = [p for p in puck.placed if p.name in names]
     screening = puck.screening(few)
     assert {p.kind for p in few if p.name in screening.covered - screening.decided} == {
@@ -163,3 +170,14 @@ def test_what_acts_on_a_joint_that_no_sensor_shows_is_none_of_the_balance(puck):
     few = [p for p in puck.placed if p.kind in ("constant-force", "loose-mass")]
     at_height = {p.name for p in few if p.name.endswith("@z")}
     assert at_height and puck.screening(few).covered == {p.name for p in few} - at_height
+
+
+def test_so_are_controls_and_what_shows_in_no_row():
+    """Of a mallet that is led to a hit, and rests after it, no row is left."""
+    log = MeasuredLog.read(SHIPPED)
+    ready = prepare(log, load_task("air-hockey"))
+    names = {"control-lag", "coulomb-friction@mallet_x", "coulomb-friction@puck_x"}
+    few = [c for c in all_candidates(ready) if c.name in names]
+    screening = screening_of(ready, np.ones(len(ready.windows), dtype=bool), few, 1, lambda *_: None)
+    assert screening.covered == names
+    assert screening.decided == {"coulomb-friction@puck_x"}

@@ -71,7 +71,10 @@ class Addition:
 
 
 class Screening:
-    """Of `placed` effects, beside models that are fitted in a balance of a smoothed log by its `fits`."""
+    """Of `placed` effects, beside models that are fitted in a balance of a smoothed log by its `fits`.
+
+    covered: effects that have columns; decided: those of them that simulations need not be asked of, too.
+    """
 
     def __init__(
         self,
@@ -85,6 +88,7 @@ class Screening:
         self._set(BalancedFits(balance, whitening))
         self.atoms, self.columns = self._dictionary(placed, on_step)
         self.covered = frozenset(a.placed.name for a in self.atoms)
+        self.decided = self._decided()
 
     @classmethod
     def of(
@@ -98,14 +102,26 @@ class Screening:
         """In the balance of the declared model, from `point` (parameter,) of its task on."""
         return cls(*declared_balance(smoothed, point, threads), placed, on_step=on_step)
 
-    @property
-    def decided(self) -> frozenset[str]:
-        """Of the effects that are `covered`, those that simulations need not be asked of, too: none on sensors where
-        bodies hit. Impacts are left out of the balance, and they tell where a body is.
+    def _decided(self) -> frozenset[str]:
+        """Of the effects that are `covered`, those that simulations need not be asked of, too: where bodies hit none on
+        sensors or controls, and none that shows in no row. Impacts are left out of the balance, and they tell where a
+        body is, and where it was led.
         """
         if not self.balance.smoothed.hits:
             return self.covered
-        return self.covered - {p.name for p in self.placed if p.effect.place == "measurement"}
+        shown = {a.placed.name for a, white in self._atoms_by_noise() if np.square(white).sum() > 1}
+        return frozenset(
+            shown - {p.name for p in self.placed if p.effect.place in ("measurement", "control")}
+        )
+
+    def _atoms_by_noise(self) -> Iterator[tuple[Atom, np.ndarray]]:
+        """Each atom, and its columns (row, column) over the noise of the sensors alone: below 1 in all they say less of
+        coefficients than is known beforehand.
+        """
+        self.whitening.reset()
+        for some, which in self._portions(frozenset()):
+            white = self._white_columns(some, which)
+            yield from ((self.atoms[n], white[:, k]) for k, n in enumerate(some))
 
     def read_as(self, holds: Sequence[Hold]) -> Screening:
         """The same with inputs that act so between rows, about the same values of the declared parameters."""
