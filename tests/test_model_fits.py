@@ -34,6 +34,25 @@ from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.record import record
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_hidden_state_that_does_what_another_does_takes_nothing_and_no_less(seed):
+    random = np.random.default_rng(seed)
+    samples = np.zeros((1, 50, 1))
+    data = Data(
+        ParameterSpace([]),
+        samples,
+        np.ones_like(samples, dtype=bool),
+        np.ones(1),
+        np.ones((1, 3)),
+        hidden_tried=np.zeros((1, 1)),
+    )
+    by_initial = random.standard_normal((1, 50, 3)) * 10 ** random.uniform(0, 6)
+    by_initial[..., 2] = by_initial[..., 0]
+    residual = random.standard_normal((1, 50))
+    at = Linearization(data, np.zeros(0), np.zeros((1, 3)), residual, np.zeros((1, 50, 0)), by_initial)
+    assert 0 <= at.taken_by_hidden.sum() < 0.1
+
+
 def planted(
     folder: Path,
     effect: str,

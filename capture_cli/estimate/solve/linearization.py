@@ -366,7 +366,8 @@ class Linearization:
         (window,): by more than their own share where the other states go along with them.
         """
         hidden = self.data.movable >= self.data.initial_sd.shape[1] - self.data.hidden
-        return self.taken - self._taken_by(~hidden)
+        # never fewer than the others alone (eigenvalues interlace), but for rounding
+        return np.maximum(self.taken - self._taken_by(~hidden), 0.0)
 
     @cached_property
     def taken(self) -> np.ndarray:
