@@ -804,8 +804,8 @@ This page is made from the command line itself (`make docs`).
 - **stdout** has results only: tables, or exactly one JSON document with `--json`. **stderr** has progress and messages.
 - **Progress** is a bar on a terminal. Elsewhere a line comes after a second, and one every ten.
 - **Outputs** appear whole or not at all. Nothing is overwritten without `--force`.
-- **`--config FILE`** is a TOML file with options by name (`starts = 5`): at its top for every command, in a table named
-  after a command (`[identify]`) for that one, which goes before.
+- **`--config FILE`** is a TOML file with options by name (`starts = 5`): at its top for all that have it, in a table
+  named after a command (`[identify]`) for that one, which goes before.
 - **`--debug`**, anywhere on the line, adds a traceback to an error.
 
 | exit code | meaning |

@@ -428,6 +428,13 @@ def test_a_config_has_options_for_all_commands_at_its_top_and_for_one_in_its_tab
     assert (options["duration"], options["seed"]) == (0.7, 3)
 
 
+def test_what_another_command_has_may_stand_at_the_top(capture, tmp_path):
+    config = tmp_path / "run.toml"
+    config.write_text(f'task = "{SLIDER}"\nduration = 0.5\npairs = 3\nfail-on = "unexplained"\n')
+    code, _, err = capture("record", "--config", config, "--out", "a.zarr", "--quiet")
+    assert code == 0, err
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [
@@ -443,6 +450,8 @@ def test_a_config_has_options_for_all_commands_at_its_top_and_for_one_in_its_tab
         ("real-log = true", ["run.toml: real-log = true", "--real-log is no switch"]),
         ("rounds = 0", ["--config", "run.toml: --rounds 0", "a whole number of 1 or more"]),
         ("threads = 'all'", ["run.toml: --threads all", "a whole number from 1 to 1024"]),
+        ("[identify]\npairs = 3", ["no option 'pairs'"]),
+        ("[train_policy]\nsteps = 3", ["[train_policy]", "no command is called so", "'train-policy'"]),
     ],
 )
 def test_a_config_that_is_wrong(capture, log, tmp_path, text, named):

@@ -1,6 +1,7 @@
 """`--config`: a TOML whose keys are the defaults of a command's options."""
 
 import json
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,11 +15,11 @@ def _read_config(context: typer.Context, path: Path | None) -> Path | None:
     """Make the keys of a TOML the defaults of this command's options."""
     if path is None or context.resilient_parsing:
         return path
-    table = _of_command(read_toml(path, OptionError, called=f"--config {path}"), context)
-    known = {p.name: p for p in context.command.params if p.name not in ("config", "help")}
-    flags = {option.lstrip("-").replace("-", "_"): name for name, p in known.items() for option in p.opts}
+    known = _options_of(context.command)
+    flags = _names_by_flag(known)
     defaults: dict[str, Any] = {}
-    for key, value in table.items():
+    table = read_toml(path, OptionError, called=f"--config {path}")
+    for key, value in _of_command(table, flags, context, path).items():
         name = flags.get(key.replace("-", "_"))
         if name is None:
             options = sorted(k.replace("_", "-") for k in flags)
@@ -60,12 +61,33 @@ def _as_option_takes(option: Any, key: str, value: Any, path: Path) -> Any:
     return value if wanted == "one value" else [str(v) for v in values]
 
 
-def _of_command(table: dict[str, Any], context: typer.Context) -> dict[str, Any]:
-    """The keys at the top of the file, and before them those of this command's table; other tables are for others."""
+def _options_of(command: Any) -> dict[str, Any]:
+    """Those that a file may have, by name."""
+    return {p.name: p for p in command.params if p.name not in ("config", "help")}
+
+
+def _names_by_flag(options: Mapping[str, Any]) -> dict[str, str]:
+    """The name of each of the options by the flags that it is given with."""
+    return {flag.lstrip("-").replace("-", "_"): name for name, p in options.items() for flag in p.opts}
+
+
+def _of_command(
+    table: dict[str, Any], flags: Collection[str], context: typer.Context, path: Path
+) -> dict[str, Any]:
+    """The keys at the top of the file, but those that other commands alone have, and before them those of this
+    command's table; other tables are for others. flags: of this command.
+
+    Raises OptionError for a table that no command is called like.
+    """
     commands = context.parent.command.commands if context.parent is not None else {}
-    tables = {key for key, value in table.items() if key in commands and isinstance(value, dict)}
-    own = table[context.info_name] if context.info_name in tables else {}
-    return {key: value for key, value in table.items() if key not in tables} | own
+    others = {flag for c in commands.values() for flag in _names_by_flag(_options_of(c))} - set(flags)
+    tables = {key for key, value in table.items() if isinstance(value, dict)}
+    for key in sorted(tables - set(commands) if commands else ()):
+        cure = did_you_mean(key, sorted(commands))
+        raise OptionError(f"--config {path}: [{key}], and no command is called so", cure=cure)
+    own = table[context.info_name] if context.info_name in tables & set(commands) else {}
+    top = {key: value for key, value in table.items() if key not in tables & set(commands)}
+    return {key: value for key, value in top.items() if key.replace("-", "_") not in others} | own
 
 
 Config = Annotated[
