@@ -596,3 +596,10 @@ def test_what_is_far_too_late_is_found(effect, found, tmp_path, monkeypatch, wit
     told = diagnose(real_log=log, task=task, out=tmp_path / "diagnosis", expression=False, quiet=True)
     [one] = told.document["effects"]
     assert found <= {f"{one['name']}@{one['site']}", *one["tied_with"]}
+
+
+def test_what_is_left_of_a_log_without_noise_is_rounding(attribution, monkeypatch):
+    """Anything is significant in that, so no effect is asked."""
+    monkeypatch.setattr(ModelComparison, "screening_about", lambda *_, **__: pytest.fail("asked"))
+    search = attribution([of_slider("coulomb-friction@x")])
+    assert not search.extension.is_missing(fit_leaving(1e-5 * SAMPLES))

@@ -90,6 +90,14 @@ def test_a_delay_beside_them_is_still_to_be_found(task, without_pages):
     assert "diagnose" in document["next_command"]
 
 
+def test_no_stamp_is_off_by_less_than_its_number_holds(tmp_path, without_pages):
+    """Without noise, what rounding leaves grows with the speed, too."""
+    log, task = tmp_path / "exact.zarr", str(MACHINE.with_name("pan_tilt") / "task.toml")
+    record(task=task, out=log, random_parameters=True, duration=4.0, rate=500.0, seed=1, threads=1)
+    found = identify(real_log=log, task=task, out=tmp_path / "estimate", threads=1, quiet=True).document
+    assert found["time_stamps"] is None
+
+
 # --- series ---
 
 

@@ -21,4 +21,5 @@ def record(options: RecordOptions) -> None:
     elif not options.quiet:
         steps, count = len(recording.log.time), len(recording.log.episode_ends)
         of_episodes = f"{count} episode{'s' * (count > 1)}"
-        print(f"{options.out}: {steps} steps in {of_episodes}; truth in {recording.truth_path}")
+        noise = "" if any(recording.truth["noise_sd"].values()) else ", without noise (--noise SD adds some)"
+        print(f"{options.out}: {steps} steps in {of_episodes}{noise}; truth in {recording.truth_path}")

@@ -35,6 +35,8 @@ class SETTINGS:
     left_by_steps: float = 0.5
     # gain of a score: less than chance gives whatever acts, but once in a thousand times
     acts: float = 1e-6
+    # of the noise floor: what is left of a log without noise is the solver's rounding, in which anything is significant
+    rounding: float = 0.01
 
 
 NOT_ASKED = Rejection(Reason.NOT_ASKED)
@@ -65,6 +67,8 @@ class Extension:
         explained = self.models.is_explained(current)
         if self.answer.accepted or not explained:
             return not explained
+        if current.error < SETTINGS.rounding:
+            return False
         screening = self.models.screening_about(current, self.answer.step)
         additions, tried, uncovered = [], 0, self.answer.outside
         if screening is not None:
