@@ -13,6 +13,7 @@ from capture_cli.estimate.balance.input_timing import (
     SETTINGS,
     InputTiming,
     Likelihoods,
+    is_alike,
     is_surely_better,
     likeliest,
 )
@@ -81,11 +82,12 @@ class Reading:
         """Of inputs that change between rows: the reading that predicts most, with its best model of one effect at
         most. From one to a likelier one: each is read off the models of the one before, which fit that one.
         """
-        known, best = {self.hold}, self
-        while (other := best.likelier()) is not None and other.hold not in known:
-            if best.is_surely_better_than(other):
+        known, best = [self.hold], self
+        while (other := best.likelier()) is not None:
+            asked_before = any(is_alike(other.hold, hold, self.screening.balance) for hold in known)
+            if asked_before or best.is_surely_better_than(other):
                 break
-            known.add(other.hold)
+            known.append(other.hold)
             best = other
         return best
 

@@ -400,7 +400,8 @@ class ModelComparison:
     def best(self, mine: Candidate, others: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
         """The candidate that no other is better than, and the others. None that was beaten comes back.
 
-        Of those that do as well one that MuJoCo has itself: it is the plainer, and is exported without a companion.
+        Of those that do as well the plainer: with the fewest parameters, or one that MuJoCo has itself, which is
+        exported without a companion.
         """
         beaten: list[Candidate] = []
         while True:
@@ -410,21 +411,20 @@ class ModelComparison:
                 break
             beaten.append(mine)
             mine, others = better, [mine, *(c for c in others if c is not better)]
-        plainer = next((c for c in others if self._is_plainer(mine, c)), None)
-        return (
-            (mine, others) if plainer is None else (plainer, [mine, *(c for c in others if c is not plainer)])
-        )
+        plainer = [c for c in others if self._is_plainer(mine, c)]
+        if not plainer:
+            return mine, others
+        plainest = min(plainer, key=lambda c: len(c.fit.point))
+        return plainest, [mine, *(c for c in others if c is not plainest)]
 
     def _is_plainer(self, mine: Candidate, other: Candidate) -> bool:
-        """Whether `other` is tied with `mine`, no worse by what counts, and MuJoCo has it and not `mine`."""
+        """Whether `other` is tied with `mine`, no worse by what counts, and has parameters less, or as many, and
+        MuJoCo has it and not `mine`.
+        """
         places = [c.placed.effect.place == "model" for c in (mine, other)]
         more, gain = self._more_and_gain(mine, other)
-        return (
-            places == [False, True]
-            and more == 0
-            and gain > -SETTINGS.as_plain
-            and self.compare(mine, other) == Reason.TIED
-        )
+        simpler = more < 0 or (more == 0 and places == [False, True])
+        return simpler and gain > -SETTINGS.as_plain and self.compare(mine, other) == Reason.TIED
 
     def compare(self, mine: Candidate, other: Candidate) -> Reason | None:
         """Why `other` is no better in the place of `mine`: it is tied with it, or does less, or has more parameters.

@@ -194,6 +194,11 @@ def changing_holds(balance: ForceBalance) -> list[Hold]:
     return [*(Hold(float(n)) for n in range(2, min(SETTINGS.most + 1, steps))), EVENLY]
 
 
+def is_alike(one: Hold, other: Hold, balance: ForceBalance) -> bool:
+    """Whether two readings differ by less than is looked for."""
+    return one.commands == other.commands and abs(one.late - other.late) <= SETTINGS.finest * _row(balance)
+
+
 def _row(balance: ForceBalance) -> float:
     """s, from a row to the next."""
     smoothed = balance.smoothed
