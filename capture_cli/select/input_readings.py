@@ -13,7 +13,9 @@ from capture_cli.estimate.balance.input_timing import (
     SETTINGS,
     InputTiming,
     Likelihoods,
+    held_late,
     is_alike,
+    is_held,
     is_surely_better,
     likeliest,
 )
@@ -69,6 +71,18 @@ class Reading:
     def without_effects(self) -> Reading:
         """With the declared model alone."""
         return replace(self, model=self.screening.fits.judged(self.declared))
+
+    def half_a_step_later(self) -> Reading | None:
+        """Of held inputs: that they act so, as those of a machine do, with its best model; None where that predicts no
+        more of this one's models, or leaves more than noise: something else that is missing may look like it.
+        """
+        later = held_late(self.screening.balance, 0.5)
+        own = self.screening.read_as(read_as(self.unread, later).holds)
+        asked = [self.screening.fits.judged(self.declared), self.model]
+        if not any(is_surely_better(m.likelihood, own.fits.judged(m).likelihood) for m in asked):
+            return None
+        found = self.with_best(later).with_best_of([self])
+        return found if found.model.beyond_noise < SETTINGS.asked_again else None
 
     def simpler(self) -> list[Reading]:
         """With one effect of fewer parameters in the place of its own, which the balance does not tell from that."""
@@ -178,6 +192,7 @@ def timings_with_effects(
     screening.fits.on_work = on_work
     step("reading", 0, 2)
     held = Reading(prepared.task, HELD, screening, screening.best())
+    held = _of_a_machine(held, prepared_as, threads)
     step("reading", 1, 2)
     told = prepared.input_timings
     holds = {t.hold for t in told}
@@ -185,7 +200,7 @@ def timings_with_effects(
     if not held.is_surely_better_than(changing):
         changing = changing.likeliest()
     if len(holds) == 1:
-        known, other = (held, changing) if HELD in holds else (changing, held)
+        known, other = (held, changing) if any(map(is_held, holds)) else (changing, held)
         if not other.is_surely_better_than(known):
             same = holds == {known.hold}
             return told if same else _timings(known, other), known.screening
@@ -200,7 +215,7 @@ def timings_with_effects(
         mixed = screening.declared_as(with_timings(prepared.task, told).holds)
         if is_surely_better(best.model.likelihood, mixed.best().likelihood):
             return told, mixed
-    return _timings(best, changing if best.hold == HELD else held), best.screening
+    return _timings(best, changing if is_held(best.hold) else held), best.screening
 
 
 def _timings(read: Reading, other: Reading) -> tuple[InputTiming, ...]:
@@ -236,7 +251,7 @@ def _may_act_on_controls(accepted: Accepted) -> bool:
 
 def _changing(told: Collection[Hold]) -> Hold:
     """How inputs act that change between rows: as the declared model alone told, of all alike, or evenly."""
-    return next(iter(told)) if len(told) == 1 and HELD not in told else EVENLY
+    return next(iter(told)) if len(told) == 1 and not any(map(is_held, told)) else EVENLY
 
 
 def _with_effects(held: Reading, changing: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:
@@ -264,12 +279,25 @@ def _with_two(held: Reading, changing: Reading, prepared_as: PreparedAs, threads
     changing = changing.with_two()
     if changing.model.beyond_noise >= SETTINGS.hopeless_with_two:
         return held
-    held = held.with_two()
+    held = _of_a_machine(held.with_two(), prepared_as, threads)
     held, changing = held.with_best_of([changing]), changing.with_best_of([held])
     if held.is_surely_better_than(changing):
         return held
     other = changing.likelier()
     return _best_fit(held, [changing] if other is None else [changing, other], prepared_as, threads)
+
+
+def _of_a_machine(held: Reading, prepared_as: PreparedAs, threads: int | None) -> Reading:
+    """Held inputs half a step later, where simulations explain the log so without an effect, or better with the best
+    one: a delay or a lag of half a step is no effect of the machine, and the balance has lags to first order.
+    """
+    later = None if held.hold != HELD else held.half_a_step_later()
+    if later is None:
+        return held
+    plain = _explaining([held.without_effects(), later.without_effects()], prepared_as, threads)
+    if plain is not None:
+        return plain if plain.hold == later.hold else held
+    return _best_fit(held, [later], prepared_as, threads)
 
 
 def _explaining(readings: Sequence[Reading], prepared_as: PreparedAs, threads: int | None) -> Reading | None:

@@ -11,6 +11,7 @@ from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.training_state import check_recipe
 from capture_cli.errors import Interrupted
 from capture_cli.estimate.balance.input_timing import SETTINGS as INPUT_TIMING
+from capture_cli.estimate.balance.input_timing import is_held
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import EarlierSplit
@@ -75,7 +76,7 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
             progress.doing("making the log ready")
             prepared = _prepared(to_fit, held_out, limit, progress)
             as_held = None
-            if any(t.hold != HELD for t in prepared.input_timings):
+            if not all(is_held(t.hold) for t in prepared.input_timings):
                 as_held = partial(to_fit.prepared, held_out, read_as(to_fit.task, HELD))
             diagnosis = diagnose_prepared(prepared, nominal, settings, progress, as_held)
         diagnosis.write(folder)

@@ -6,6 +6,9 @@ than even changes do: of n from row to row by (T / n - h) / 2, with rows T and s
 writes a command beside what it led to leaves commands that acted a row earlier. Both look like a delay, a lag or a mass
 that is not there. The force balance tells: what the declared model predicts of blocks that it was not fitted to, with
 the input read one way and the other.
+
+A step of MuJoCo kicks velocities at its beginning with what a machine feels all through it: held inputs of a machine
+act half a step later than those of a log that was simulated in such steps. That is told as well.
 """
 
 from collections.abc import Callable, Sequence
@@ -76,7 +79,8 @@ def input_timings(
     holds: of all inputs, and how they act where somebody says it.
 
     All are first read as held and as changing evenly together, then each by itself beside the better of these; last
-    those that change evenly are asked for commands between rows, and for acting before their rows, together.
+    those that change evenly are asked for commands between rows, and for acting before their rows, together, and those
+    that are held for acting half a step later.
     """
     asked = [k for k, hold in enumerate(holds) if hold is None]
     read = [HELD if hold is None else hold for hold in holds]
@@ -89,7 +93,8 @@ def input_timings(
     as_changing = _Read.of(*declared(balance.read_as(with_(EVENLY, asked)), whitening))
 
     def told(read: list[Hold]) -> _Told:
-        return (as_held if read == held else as_changing).told(read)
+        is_near = [hold.commands for hold in read] == [hold.commands for hold in held]
+        return (as_held if is_near else as_changing).told(read)
 
     def likelihood(read: list[Hold]) -> np.ndarray:
         return told(read).likelihood
@@ -107,7 +112,14 @@ def input_timings(
     evenly = [k for k in asked if read[k] == EVENLY]
     if evenly:
         found = likeliest(lambda hold: (known, likelihood(with_(hold, evenly))), balance)
-        read = with_(found, evenly)
+        read, known = with_(found, evenly), likelihood(with_(found, evenly))
+    still_held = [k for k in asked if read[k] == HELD]
+    if still_held:
+        later, a_step = (with_(held_late(balance, steps), still_held) for steps in (0.5, 1.0))
+        # what is a step late, or more, is a delay of the machine
+        is_half = all(is_surely_better(other, likelihood(later)) for other in (known, likelihood(a_step)))
+        if is_half and told(later).beyond_noise < SETTINGS.asked_again:
+            read = later
     contradicted = any(gain < -SETTINGS.least for gain, _ in gains.values())
     beyond = told(read).beyond_noise
     timings = [InputTiming(names[k], read[k], *gains[k], beyond) for k in asked]
@@ -192,6 +204,16 @@ def changing_holds(balance: ForceBalance) -> list[Hold]:
     # more differ from an even change by less than a step of the model
     steps = int(np.ceil(_row(balance) / balance.smoothed.task.timestep - 1e-6))
     return [*(Hold(float(n)) for n in range(2, min(SETTINGS.most + 1, steps))), EVENLY]
+
+
+def held_late(balance: ForceBalance, steps: float) -> Hold:
+    """Held inputs that act so many steps of the model after their rows."""
+    return Hold(HELD.commands, steps * balance.smoothed.task.timestep)
+
+
+def is_held(hold: Hold) -> bool:
+    """Whether an input is held from row to row, from the row on or a little later."""
+    return hold.commands == HELD.commands and hold.late >= 0
 
 
 def is_alike(one: Hold, other: Hold, balance: ForceBalance) -> bool:

@@ -244,7 +244,10 @@ def _acting(hold: Hold) -> str:
         between = f"{hold.commands:.0f} commands from row to row"
     else:
         between = "held from row to row"
-    return f"{between}, {-1e3 * hold.late:.3g} ms before it is written" if hold.late else between
+    if not hold.late:
+        return between
+    when = "before" if hold.late < 0 else "after"
+    return f"{between}, {1e3 * abs(hold.late):.3g} ms {when} it is written"
 
 
 def time_stamps_of(prepared: PreparedLog, stamps: TimeStampJitter | None) -> dict[str, Any] | None:
