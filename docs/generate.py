@@ -327,7 +327,7 @@ _NOTES = {
     "time_stamps": "null, or the time-stamp jitter: {outputs (of each sd (s) and share (of its "
     "noise's variance)), explained (share of what is beyond chance; 1: all; null: nothing is beyond), text}",
     "input_timing": "null, or how inputs act between rows where the task does not say: {inputs (of each interpolate, "
-    "hold, linear or n; late, s; gain in predictive log likelihood; error, its standard error), text}",
+    "hold, linear or n; late, s; gain in predictive log likelihood and error, its sd, or null), text}",
 }
 _DOCUMENT = {"version, task": "1, and the name of the task"}
 PARTS_OF_DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from functools import partial
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from balances import Made
 from case_logs import log_of
+from diagnosing import look_among
 from held_inputs import MACHINES
 from setting_numbers import set_numbers
 
@@ -17,6 +19,7 @@ from capture_cli.common.progress import Progress
 from capture_cli.errors import OutOfTime
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import NewSplit
@@ -27,10 +30,10 @@ from capture_cli.model.tasks.base import Task
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select import input_readings
 from capture_cli.select.candidates import all_candidates
-from capture_cli.select.input_readings import held_instead, timings_with_effects
+from capture_cli.select.input_readings import read_instead, timings_with_effects
 from capture_cli.select.search.answer import Accepted
 from capture_cli.select.time_limit import TimeLimit
-from capture_cli.stages.diagnose import _prepared
+from capture_cli.stages.diagnose import _prepared, diagnose
 from capture_cli.stages.log_to_fit import LogToFit
 from capture_cli.stages.record import record
 from capture_cli.store.provenance import Provenance
@@ -66,6 +69,49 @@ def test_the_log_tells_how_many_commands_there_are_from_row_to_row(machine, dres
     assert [c.hold for c in prepared.task.inputs] == [Hold(commands)] * len(task.inputs)
     for timing in prepared.input_timings:
         assert timing.gain > 3 * timing.error
+
+
+def of_a_machine(folder, machine: str, *effects: str) -> tuple[Task, MeasuredLog]:
+    """A log whose commands are held for four steps of the model, made in steps that are 16 times shorter."""
+    own = shutil.copytree(MACHINES / machine, folder / machine)
+    task = load_task(str(MACHINES / machine / "task.toml"))
+    model, step = own / "model.xml", f'timestep="{task.timestep:g}"'
+    assert step in model.read_text()
+    model.write_text(model.read_text().replace(step, f'timestep="{task.timestep / 16:g}"'))
+    noise = {c.name: sd for c, sd in zip(task.outputs, 5 * (1e-4,), strict=False)}
+    record(
+        task=str(own / "task.toml"),
+        out=folder / "log.zarr",
+        effects=list(effects),
+        noise=noise,
+        episodes=3,
+        duration=4.0,
+        rate=0.25 / task.timestep,
+        threads=1,
+    )
+    return task, MeasuredLog.read(folder / "log.zarr")
+
+
+@pytest.mark.parametrize("machine", ["slider", "cart_pole"])
+def test_held_inputs_of_a_machine_act_half_a_step_later_than_the_model_s_own(machine, tmp_path):
+    task, log = of_a_machine(tmp_path, machine)
+    prepared = prepare(log, task, **QUIET)
+    assert set(prepared.task.holds) == {Hold(1.0, task.timestep / 2)}
+    fit = ModelFits(prepared, 1).fit(prepared, [], task.space.nominal)
+    assert not lack_of_fit(fit.at).lacking
+
+
+def test_half_a_step_is_no_effect_of_the_machine(tmp_path, monkeypatch, without_pages):
+    """Beside one that is: nothing else is found, and that at the right size."""
+    look_among(
+        monkeypatch, "cubic-stiffness", "control-delay", "sensor-delay", "control-lag", "finer-time-step"
+    )
+    task, log = of_a_machine(tmp_path, "slider", "cubic-stiffness@x=9000")
+    out = tmp_path / "diagnosis"
+    found = diagnose(real_log=log.path, task=str(task.path), out=out, threads=1, quiet=True).document
+    assert [e["name"] for e in found["effects"]] == ["cubic-stiffness"]
+    assert found["effects"][0]["parameters"]["stiffness"]["value"] == pytest.approx(9000, rel=0.01)
+    assert {i["late"] for i in found["input_timing"]["inputs"].values()} == {task.timestep / 2}
 
 
 def test_what_the_task_says_is_not_asked_again():
@@ -254,8 +300,8 @@ def test_inputs_are_held_after_all_where_what_was_found_explains_that_with_nothi
     clock, delay = (next(c.placed for c in all_candidates(evenly) if c.name == name) for name in names)
     last = ModelFits(evenly, 1).fit(evenly, [clock, delay], np.append(task.space.nominal, [0.0, 0.02]))
     both = [Accepted(placed, None, [], None, 0.5) for placed in (clock, delay)]
-    assert (held_instead(both, last, lambda: as_held, 1) is as_held) == held
-    assert held_instead(both[:1], last, lambda: as_held, 1) is None
+    assert (read_instead(both, last, lambda: as_held, 1) is as_held) == held
+    assert read_instead(both[:1], last, lambda: as_held, 1) is None
 
 
 @pytest.mark.parametrize("seed", [0, 1])

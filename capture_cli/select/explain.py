@@ -33,7 +33,7 @@ from capture_cli.select.experiment.excitation_range import ExcitationRange
 from capture_cli.select.experiment.next_experiment import next_experiment
 from capture_cli.select.explanation import Explanation, Expression
 from capture_cli.select.expression import expression_terms
-from capture_cli.select.input_readings import held_instead
+from capture_cli.select.input_readings import read_instead
 from capture_cli.select.judged_models import JudgedModel, JudgedModels, OnStep
 from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.select.search.answer import SETTINGS as ANSWER
@@ -61,16 +61,16 @@ def explain(
     nominal: np.ndarray,
     settings: Settings,
     on_step: OnStep,
-    as_held: Callable[[], PreparedLog] | None = None,
+    as_otherwise: Callable[[], PreparedLog] | None = None,
 ) -> Explanation:
     """What explains the log, from the values `nominal` (parameter,) of its task. Raises FitError.
 
     With the initial states that the actions say, where that explains what was fitted; else with free initial states, if
     less is left so. Where contacts follow, free initial states are worse: they make the error rough, and hide what
     moves them. With a noise floor that has the outliers in it, where that is what the last model leaves. With inputs
-    that are held, where the log told that they are not, and what was found explains it so.
+    read otherwise than the log told, where what was found explains it so with fewer effects.
 
-    as_held: makes the log ready with inputs that are held, where it told another reading.
+    as_otherwise: makes the log ready with such inputs.
     """
     rollouts = prepared.rollouts
     rollouts += check_parameters_move_outputs(prepared, seed=settings.seed, threads=settings.threads)
@@ -102,10 +102,10 @@ def explain(
             _, found = otherwise(
                 noisier, "a search with outliers in the noise floor", free=not begun.as_acted
             )
-    if as_held is not None and not found.out_of_time:
-        held = held_instead(found.accepted, found.after.fit, as_held, settings.threads)
-        if held is not None:
-            _, found = otherwise(held, "a search with inputs that are held", free=not begun.as_acted)
+    if as_otherwise is not None and not found.out_of_time:
+        read = read_instead(found.accepted, found.after.fit, as_otherwise, settings.threads)
+        if read is not None:
+            _, found = otherwise(read, "a search with inputs read otherwise", free=not begun.as_acted)
     return found
 
 

@@ -26,6 +26,7 @@ from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.model_fits import USUAL, Effort, ModelFits
 from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
 from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.time_step import FINER
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
 from capture_cli.model.effects.placed import names_of
 from capture_cli.model.tasks.base import Task
@@ -225,28 +226,37 @@ def _timings(read: Reading, other: Reading) -> tuple[InputTiming, ...]:
     return tuple(InputTiming(name, read.hold, gain, error, read.model.beyond_noise) for name in unread)
 
 
-def held_instead(
-    accepted: Sequence[Accepted], last: Fit, as_held: Callable[[], PreparedLog], threads: int | None
+def read_instead(
+    accepted: Sequence[Accepted], last: Fit, otherwise: Callable[[], PreparedLog], threads: int | None
 ) -> PreparedLog | None:
-    """The log with inputs that are held, where the `last` model explains it so without its effects on controls; None
-    where it does not, or has none. The declared model alone may take another reading for what is missing, and an effect
-    on controls then undoes that.
+    """The log with its inputs read otherwise, where the `last` model explains it so without effects that do as another
+    reading does: those on controls, and shorter steps; None where it does not, or has none.
 
-    accepted: the effects of the model, which was found in another reading, which the log told. as_held: makes the log
-    ready.
+    accepted: the effects of the model, which was found in the reading that was told. otherwise: makes the log ready.
     """
-    rest = [a.placed for a in accepted if not _may_act_on_controls(a)]
+    rest = [a.placed for a in accepted if not _may_be_a_reading(a)]
     if len(rest) == len(accepted):
         return None
-    held = as_held()
+    read = otherwise()
     own = [last.point[last.columns(e.name)] for e in rest]
-    start = np.concatenate([last.point[: len(held.task.space)], *own])
-    fit = ModelFits(held, threads).fit(_some_to_fit(held), rest, start)
-    return held if fit is not None and not lack_of_fit(fit.at).lacking else None
+    start = np.concatenate([last.point[: len(read.task.space)], *own])
+    enough = lack_of_fit(last.at).threshold
+    effort = Effort(to_reach=enough, needed=enough, escapes=False)
+    fit = ModelFits(read, threads).fit(_some_to_fit(read), rest, start, effort=effort)
+    return read if fit is not None and not lack_of_fit(fit.at).lacking else None
 
 
-def _may_act_on_controls(accepted: Accepted) -> bool:
-    return any(p.effect.place == "control" for p in (accepted.placed, *(c.placed for c in accepted.tied)))
+def otherwise_read(unread: Task, told: Collection[InputTiming], prepared_as: PreparedAs) -> PreparedLog:
+    """The log with inputs that were told to act so held instead, or half a step of the model later if they are."""
+    is_plain = all(t.hold == HELD for t in told)
+    hold = Hold(HELD.commands, unread.timestep / 2) if is_plain else HELD
+    timings = tuple(InputTiming(t.name, hold, None, None, t.beyond_noise) for t in told)
+    return replace(prepared_as(read_as(unread, hold)), input_timings=timings)
+
+
+def _may_be_a_reading(accepted: Accepted) -> bool:
+    each = [accepted.placed, *(c.placed for c in accepted.tied)]
+    return any(p.effect.place == "control" or p.kind == FINER for p in each)
 
 
 def _changing(told: Collection[Hold]) -> Hold:

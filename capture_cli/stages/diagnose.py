@@ -11,17 +11,15 @@ from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.training_state import check_recipe
 from capture_cli.errors import Interrupted
 from capture_cli.estimate.balance.input_timing import SETTINGS as INPUT_TIMING
-from capture_cli.estimate.balance.input_timing import is_held
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import EarlierSplit
 from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
-from capture_cli.log.input_sequences import HELD
 from capture_cli.options.base import takes_options
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings, explain
-from capture_cli.select.input_readings import read_as, timings_with_effects
+from capture_cli.select.input_readings import otherwise_read, timings_with_effects
 from capture_cli.select.time_limit import TimeLimit
 from capture_cli.stages.documents.diagnosis_document import diagnosis_of
 from capture_cli.stages.log_to_fit import LogToFit, read_log
@@ -75,10 +73,10 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
         with Progress("diagnose", "model", quiet=options.quiet) as progress:
             progress.doing("making the log ready")
             prepared = _prepared(to_fit, held_out, limit, progress)
-            as_held = None
-            if not all(is_held(t.hold) for t in prepared.input_timings):
-                as_held = partial(to_fit.prepared, held_out, read_as(to_fit.task, HELD))
-            diagnosis = diagnose_prepared(prepared, nominal, settings, progress, as_held)
+            otherwise = None
+            if told := prepared.input_timings:
+                otherwise = partial(otherwise_read, to_fit.task, told, partial(to_fit.prepared, held_out))
+            diagnosis = diagnose_prepared(prepared, nominal, settings, progress, otherwise)
         diagnosis.write(folder)
         _write_pages(diagnosis, folder, provenance)
         provenance.write(folder)
@@ -122,11 +120,11 @@ def diagnose_prepared(
     nominal: np.ndarray,
     settings: Settings,
     progress: Progress,
-    as_held: Callable[[], PreparedLog] | None = None,
+    otherwise: Callable[[], PreparedLog] | None = None,
 ) -> Diagnosis:
     """What `diagnose` finds in a log that was made ready, from the values `nominal` (parameter,) of its task.
 
-    as_held: makes it ready with inputs that are held, where the log told that they are not. Raises FitError;
+    otherwise: makes it ready with inputs read otherwise than the log told. Raises FitError;
     Interrupted, which names what was found until then, and how to go on.
     """
     last: list[str] = []
@@ -142,7 +140,7 @@ def diagnose_prepared(
 
     progress.of("", "fitting the declared model")
     try:
-        found = explain(prepared, nominal, settings, tell, as_held)
+        found = explain(prepared, nominal, settings, tell, otherwise)
         return diagnosis_of(found, settings.threads)
     except KeyboardInterrupt:
         raise _interrupted(last, settings) from None

@@ -55,13 +55,14 @@ class SETTINGS:
 @dataclass(frozen=True)
 class InputTiming:
     """How one input acts, and the gain of that over being held in predictive log likelihood, or where it is held over
-    changing evenly; with its standard error over blocks. beyond_noise: what the model leaves, as of `Whitening`.
+    changing evenly; with its standard error over blocks; None where the whole model told. beyond_noise: what the model
+    leaves, as of `Whitening`.
     """
 
     name: str
     hold: Hold
-    gain: float
-    error: float
+    gain: float | None
+    error: float | None
     beyond_noise: float
 
 
