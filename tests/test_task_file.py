@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import CaptureError, ModelError, TaskError
-from capture_cli.log.checks.wide_bounds import wide_bounds
+from capture_cli.log.checks.parameter_bounds import doubtful_bounds
 from capture_cli.log.input_sequences import EVENLY
 from capture_cli.model.effects.com_shift import ComShift
 from capture_cli.model.fields import ModelFields
@@ -554,7 +554,17 @@ def test_the_centres_that_are_moved_do_not_depend_on_the_order_of_parameters(tmp
 def test_bounds_wider_than_any_place_are_warned_of(write):
     """On both sides of 0 they say no size that they could be compared with."""
     task = load_task(str(write(("low = 0.5", "low = 0.0"), ("body:left:mass", "body:left:com_x"))))
-    assert not [*wide_bounds(task)]
+    assert not [*doubtful_bounds(task)]
     vast = write(("low = 0.5", "low = -1e9"), ("body:left:mass", "body:left:com_x"))
-    (found,) = wide_bounds(load_task(str(vast)))
+    (found,) = doubtful_bounds(load_task(str(vast)))
     assert found["severity"] == "warning" and "wider than any place" in found["message"]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "said"), [(200.0, 900.0, True), (0.001, 0.02, True), (0.5, 3.0, False), (2.5, 9.0, False)]
+)
+def test_bounds_in_another_unit_than_the_model_s_are_warned_of(write, low, high, said):
+    """Of a mass of 1.5 kg, in g, and as small as an inertia; a model may be wrong."""
+    task = load_task(str(write(("low = 0.5", f"low = {low}"), ("high = 4.0", f"high = {high}"))))
+    found = [f for f in doubtful_bounds(task) if "the model's own value" in f["message"]]
+    assert [f["cure"].startswith("give bounds of body:left:mass, whose unit is kg") for f in found] == [True] * said

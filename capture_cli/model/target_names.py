@@ -33,6 +33,12 @@ def least_value(text: str) -> float:
     return ATTRIBUTES[kind][attribute].least
 
 
+def unit_of(text: str) -> str:
+    """The unit of what the target `text` of a model sets, or the units of which it may be."""
+    kind, _, attribute = split_target(text)
+    return ATTRIBUTES[kind][attribute].unit
+
+
 def split_target(text: str) -> tuple[str, str, str]:
     """Kind, name and attribute of a target, "" where it lacks one. The name itself may hold colons."""
     kind, _, rest = text.partition(":")

@@ -14,7 +14,7 @@ from capture_cli.estimate.balance.input_timing import SETTINGS as INPUT_TIMING
 from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import EarlierSplit
-from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
+from capture_cli.log.checks.parameter_bounds import warn_of_bounds
 from capture_cli.options.base import takes_options
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select.candidates import all_candidates
@@ -56,7 +56,7 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
     options, provenance = to_fit.options, to_fit.provenance
     if complete:
         return _completed(options.out, provenance)
-    warn_of_wide_bounds(found)
+    warn_of_bounds(found)
     if begin is not None:
         begin.check_task(found, "identify again with the task as it is now")
     nominal = found.space.nominal if begin is None else begin.values

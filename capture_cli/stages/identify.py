@@ -18,7 +18,7 @@ from capture_cli.estimate.noise.repeated_noise import with_noise_of_repeats
 from capture_cli.estimate.noise.residual_noise import with_noise_of_residual
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.least_squares import LeastSquares
-from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
+from capture_cli.log.checks.parameter_bounds import warn_of_bounds
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.options.base import takes_options
 from capture_cli.options.identify import IdentifyOptions
@@ -58,7 +58,7 @@ def identify(options: IdentifyOptions) -> Estimate:
     if chosen.checkpoint is not None:
         found = chosen.checkpoint.machine(found)
     to_fit = LogToFit.of("identify", log, found, options, identifier=chosen.path)
-    warn_of_wide_bounds(found)
+    warn_of_bounds(found)
     options = to_fit.options
     with Progress("identify", "round", quiet=options.quiet) as progress:
         progress.of(_step(1), "making the log ready")

@@ -18,7 +18,7 @@ from capture_cli.log.checks.even_times import jitter
 from capture_cli.log.checks.held_outputs import rows_per_sample, sample_rate, slices_within
 from capture_cli.log.checks.log_findings import log_findings, task_findings
 from capture_cli.log.checks.log_health import channel, excitation, quantisation, sampling, spikes, timing
-from capture_cli.log.checks.wide_bounds import wide_bounds
+from capture_cli.log.checks.parameter_bounds import doubtful_bounds
 from capture_cli.log.measured_log import SCHEMA as LOG_SCHEMA
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import usual_interval
@@ -169,7 +169,7 @@ def _inspect_log(path: Path, seen: Inspection, machine: Task | None, max_log_siz
     findings += [*_not_finite(log.time), *_import_findings(recordings), *_repeated(log)]
     findings += log_findings(seen, machine)
     if machine is not None:
-        findings += [*task_findings(log, seen, machine), *wide_bounds(machine)]
+        findings += [*task_findings(log, seen, machine), *doubtful_bounds(machine)]
 
 
 def _without_huge(log: MeasuredLog) -> MeasuredLog:

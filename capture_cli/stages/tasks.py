@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
+from capture_cli.log.checks.parameter_bounds import warn_of_bounds
 from capture_cli.model.tasks import REGISTRY, load_task
 from capture_cli.model.tasks.base import Task
 
@@ -12,7 +12,7 @@ def describe(task: str | None) -> list[dict[str, Any]]:
     if task is None:
         return [_one(cls()) for _, cls in REGISTRY.items()]
     found = load_task(task)
-    warn_of_wide_bounds(found)
+    warn_of_bounds(found)
     return [_one(found)]
 
 

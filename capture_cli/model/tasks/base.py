@@ -1,10 +1,11 @@
 """What a task is: a compiled model, the parameters that are open, and the channels of its logs."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Self
 
 import mujoco
@@ -74,7 +75,8 @@ class Task(ABC):
     """A machine: `model`, `space` (its open parameters), `inputs`, `outputs`, and how its logs are cut.
 
     model_path: the MJCF that the model is made from. path: its task.toml; None where it is built in. effects: what a
-    machine of it has beside the model: (Placed, values (parameter,)) each; `with_effects` adds them.
+    machine of it has beside the model: (Placed, values (parameter,)) each; `with_effects` adds them. model_values: of
+    parameters that a task file gives no nominal value: the model's own, and what it is of, with its unit.
     """
 
     name: str
@@ -86,6 +88,7 @@ class Task(ABC):
     outputs: tuple[Channel, ...]
     log: LogColumns
     effects: tuple[tuple[Any, np.ndarray], ...] = ()
+    model_values: Mapping[str, tuple[float, str]] = MappingProxyType({})
 
     def with_effects(self, effects: Iterable[tuple[Any, np.ndarray]]) -> Self:
         """The task of machines that have these effects as well."""

@@ -12,7 +12,7 @@ from capture_cli.model.mjcf.model_file import compile_file
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.quaternion_signs import is_quaternion
 from capture_cli.model.sensor_units import factor_between, refuse_other_units, refuse_period_in_other_unit
-from capture_cli.model.target_names import least_value, object_id, parse_target, split_target
+from capture_cli.model.target_names import least_value, object_id, parse_target, split_target, unit_of
 from capture_cli.model.targets import Target
 from capture_cli.model.tasks._table import REQUIRED, Table
 from capture_cli.model.tasks.base import Channel, LogColumns, Task
@@ -55,6 +55,7 @@ class MjcfFile(Task):
         opened = [(name, own, _set_texts(own)) for name, own in _tables(table, "parameters")]
         self.model = compile_file(self.model_path, _moved_centres([texts for *_, texts in opened]))
         self._targets: list[tuple[int, Target]] = []  # with the number of the parameter that sets each
+        self.model_values = {}
         parameters = []
         set_by: dict[str, str] = {}
         for name, own, texts in opened:
@@ -92,7 +93,10 @@ class MjcfFile(Task):
         if not low < high:
             raise own.error(f"low = {low:g}, high = {high:g}", cure="give bounds with low < high")
         _check_least(own, texts, low)
-        nominal = own.number("nominal", targets[0].read(self.model))
+        value = targets[0].read(self.model)
+        if "nominal" not in own:
+            self.model_values[name] = value, f"{texts[0]}, whose unit is {unit_of(texts[0])}"
+        nominal = own.number("nominal", value)
         if "nominal" in own and not low <= nominal <= high:
             raise own.error(
                 f"nominal = {nominal:g} lies outside [{low:g}, {high:g}]",

@@ -1,4 +1,4 @@
-"""Parameters whose bounds are so wide that a fit may stand still where it begins."""
+"""Bounds of parameters that are so wide that a fit may stand still, or far from what the model itself says."""
 
 import sys
 from collections.abc import Iterator
@@ -8,8 +8,30 @@ from capture_cli.log.checks.base import Finding, warning
 from capture_cli.model.tasks.base import Task
 
 
-def wide_bounds(task: Task) -> Iterator[Finding]:
-    """Warnings of the parameters of `task` whose bounds span more than `wide` times their nominal value.
+def doubtful_bounds(task: Task) -> Iterator[Finding]:
+    """Warnings of bounds that are too wide, or in another unit than the model, by its own value."""
+    yield from _wide(task)
+    yield from _far(task)
+
+
+def _far(task: Task) -> Iterator[Finding]:
+    # times: the model may be wrong by so much; of other units, as g, mm and degrees are, values are farther off
+    far = 5.0
+    for p in task.space:
+        value, target = task.model_values.get(p.name, (0.0, ""))
+        ends = sorted(abs(end) for end in (p.low, p.high))
+        if value == 0 or p.low <= value <= p.high or ends[0] / far <= abs(value) <= ends[1] * far:
+            continue
+        bounds = f"{bound(p.low)} to {with_unit(bound(p.high), p.unit)}"
+        yield warning(
+            f"parameter {p.name}",
+            f"the model's own value, {significant(value, 3)}, is far outside its bounds, {bounds}",
+            f"give bounds of {target}, or, if they are, a nominal value inside them",
+        )
+
+
+def _wide(task: Task) -> Iterator[Finding]:
+    """Of those that span more than `wide` times the nominal value.
 
     Where bounds lie on both sides of 0, or the nominal value is 0, that is a place or a bias, and says no size: they
     are compared with `vast`.
@@ -37,7 +59,7 @@ def wide_bounds(task: Task) -> Iterator[Finding]:
             )
 
 
-def warn_of_wide_bounds(task: Task) -> None:
-    """Warn on stderr of bounds so wide that a fit may take long, and be wrong."""
-    for f in wide_bounds(task):
+def warn_of_bounds(task: Task) -> None:
+    """Warn on stderr of bounds by which a fit may take long, and be wrong."""
+    for f in doubtful_bounds(task):
         print(f"warning: {f['where']}: {f['message']}\n  cure: {f['cure']}", file=sys.stderr)
