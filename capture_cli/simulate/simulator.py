@@ -162,6 +162,7 @@ class Simulator:
         self._placed += _slots([effect for _, effect in self.effects], len(task.space), hidden)
         self.hidden_states = sum(len(own.effect.states) for own in self._placed)
         self._sensors = np.array([c.index for c in task.outputs])
+        self._later = task.reads_later
         self._own_states = 2 * task.model.nv + task.model.na
         self.substeps = math.prod(effect.substeps for effect in all_effects)
 
@@ -248,7 +249,7 @@ class Simulator:
                     _Runs(part, initial.rows(group), row[few], each, own, motion, logged)
                 )
                 number, window = candidate[few], group[row[few]]
-                outputs[number, window, :steps] = part.sample(rollouts.sensors, row[few])
+                outputs[number, window, :steps] = self._sampled(part, rollouts.sensors, row[few])
                 diverged[number, window] = rollouts.diverged
             for number, simulation in enumerate(which):
                 shared = candidate[simulation] != number
@@ -282,7 +283,7 @@ class Simulator:
             rollouts = self._rollout(
                 _Runs(part, initial.rows(group), row, each, own, motion, near=moving.sum())
             )
-            shown = part.sample(rollouts.sensors, row)
+            shown = self._sampled(part, rollouts.sensors, row)
             shown = shown.reshape(-1, len(group), *shown.shape[1:])
             lost = rollouts.diverged.reshape(-1, len(group))
             outputs[:, group, : shown.shape[2]], diverged[:, group] = shown[0], lost[0]
@@ -295,6 +296,15 @@ class Simulator:
             )
             outputs[remembering], diverged[remembering] = exact.outputs, exact.diverged
         return Simulated(outputs, diverged)
+
+    def _sampled(self, windows: Windows, sensors: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """Sensors (simulation, grid, output) of the windows `row` (simulation,) at their samples."""
+        if self._later.any():
+            before = sensors[..., self._later]
+            rise = np.diff(before, axis=1)
+            sensors = sensors.copy()
+            sensors[..., self._later] += 0.5 * np.concatenate([rise, rise[:, -1:]], axis=1)
+        return windows.sample(sensors, row)
 
     def near_is_cheaper(self, parameters: np.ndarray, corrections: np.ndarray) -> bool:
         """Whether `simulate_near`, and a simulation of each window to check it, takes less than `simulate`."""

@@ -110,6 +110,22 @@ class Task(ABC):
         """How each input acts between rows of a log."""
         return tuple(HELD if c.hold is None else c.hold for c in self.inputs)
 
+    @property
+    def half_late(self) -> Hold:
+        """Inputs that are held as those of a machine: a step of MuJoCo kicks at its beginning with what a machine feels
+        all through it.
+        """
+        return Hold(HELD.commands, self.timestep / 2)
+
+    @property
+    def reads_later(self) -> np.ndarray:
+        """Which outputs are those of half a step later, (output,): velocities, where inputs are held as those of a
+        machine. Then positions are right to the second order, and velocities those of the middle of the step before.
+        """
+        sensors = [c.sensor for c in self.outputs]
+        is_velocity = self.model.sensor_needstage[sensors] == int(mujoco.mjtStage.mjSTAGE_VEL)
+        return is_velocity & (self.half_late in self.holds)
+
     def with_holds(self, holds: Iterable[Hold]) -> Self:
         """The task with inputs that act so between rows."""
         known = copy(self)
