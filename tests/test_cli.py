@@ -630,6 +630,8 @@ def test_an_out_that_may_not_be_written(capture, log, tmp_path, without_pages):
     code, _, err = capture(*identify(log, "--out", "file/e"))
     assert code == 2
     assert "file/e: file is a file, not a folder" in err
+    code, _, err = capture(*identify(log, "--out", "/dev/null/e"))
+    assert code == 2 and "/dev/null is a device or a pipe, not a folder" in err
 
 
 @pytest.mark.parametrize(

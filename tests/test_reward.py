@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from capture_cli.errors import OptionError, TaskError
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.aimed_task import AimedTask, with_reward
 from capture_cli.model.tasks.reward import Goal, Reward
+from capture_cli.report.training import print_policy
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.evaluation.evaluation_run import evaluate
 from capture_cli.stages.gen_histories import gen_histories
@@ -18,7 +21,9 @@ from capture_cli.stages.identify import identify
 from capture_cli.stages.train_policy import train_policy
 from capture_cli.stages.train_sysid import train_sysid
 
-CART = Path(__file__).resolve().parents[1] / "datasets" / "cart"
+ROOT = Path(__file__).resolve().parents[1]
+CART = ROOT / "datasets" / "cart"
+SHIPPED = ROOT / "runs" / "policies" / "scooping" / "policy.json"
 
 
 def cart(folder: Path, change: tuple[str, str] = ("", ""), model: tuple[str, str] = ("", "")) -> str:
@@ -114,7 +119,7 @@ def test_a_training_does_not_go_on_with_another_reward(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("learn")
-def test_from_the_policy_of_ones_own_machine_to_its_evaluation(tmp_path, without_pages):
+def test_from_the_policy_of_ones_own_machine_to_its_evaluation(tmp_path, without_pages, capsys):
     task, options = str(CART), {"threads": 1}
     made = train_policy(
         task=task, out=tmp_path / "p", steps=1920, envs=32, learning_rate=3e-3, evaluations=1, **options
@@ -122,6 +127,7 @@ def test_from_the_policy_of_ones_own_machine_to_its_evaluation(tmp_path, without
     assert made["result"]["success"] > made["result"]["random"]["success"] + 0.2
     histories = tmp_path / "h.zarr"
     gen_histories(task=task, out=histories, policy=str(tmp_path / "p"), pairs=40, rounds=3, **options)
+    assert "leave --policy out where an identifier is to read logs" in capsys.readouterr().err
     small = {"width": 8, "layers": 1, "heads": 1, "steps": 3, "batch": 16}
     train_sysid(histories=histories, out=tmp_path / "i", identifier="posterior", **small)
     rows = evaluate(
@@ -138,3 +144,10 @@ def test_from_the_policy_of_ones_own_machine_to_its_evaluation(tmp_path, without
     assert rows["least-squares"]["success"][-1] > rows["least-squares"]["success"][0]
     with pytest.raises(OptionError, match="a log has windows"):
         identify(real_log=CART / "cart.zarr", identifier=str(tmp_path / "i"), out=tmp_path / "estimate")
+
+
+@pytest.mark.parametrize("reward", [0.1, 0.4])
+def test_a_policy_no_better_than_random_actions_is_said_to_be(reward, capsys):
+    result = {"episodes": 500, "reward": reward, "success": 0.1, "random": {"reward": 0.2, "success": 0.05}}
+    print_policy({**json.loads(SHIPPED.read_text()), "result": result}, Console(), Path("p"))
+    assert ("no better than random actions" in capsys.readouterr().out) == (reward < 0.2)

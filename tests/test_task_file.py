@@ -567,4 +567,6 @@ def test_bounds_in_another_unit_than_the_model_s_are_warned_of(write, low, high,
     """Of a mass of 1.5 kg, in g, and as small as an inertia; a model may be wrong."""
     task = load_task(str(write(("low = 0.5", f"low = {low}"), ("high = 4.0", f"high = {high}"))))
     found = [f for f in doubtful_bounds(task) if "the model's own value" in f["message"]]
-    assert [f["cure"].startswith("give bounds of body:left:mass, whose unit is kg") for f in found] == [True] * said
+    assert [f["cure"].startswith("give bounds of body:left:mass, whose unit is kg") for f in found] == [
+        True
+    ] * said

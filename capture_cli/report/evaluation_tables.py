@@ -110,7 +110,7 @@ def markdown(document: Mapping[str, Any], title: str | None = None) -> str:
 def _heading(record: EvaluationRecord) -> str:
     has = ", ".join(placed_name(row["name"], row["site"]) for row in record.effects)
     return (
-        f"{record.task}: {record.pairs} pairs, {record.seeds} seeds, {record.rounds} rounds; "
+        f"{record.task}: {record.pairs} pairs, {record.seeds} seed{'s' * (record.seeds > 1)}, {record.rounds} rounds; "
         f"policy {record.policy}, noise {record.noise}{f'; machines with {has}' * bool(has)}"
         f"{f'; machines in {record.world}, played by {record.robot}' * (record.robot is not None)}"
     )

@@ -69,6 +69,10 @@ def print_policy(document: Mapping[str, Any], console: Console, out: Path) -> No
     for name, row in ((trained.policy, result), ("random", result["random"])):
         table.add_row(name, f"{row['success']:.1%}", f"{row['reward']:.3f}")
     console.print(table)
+    if result["reward"] <= result["random"]["reward"]:
+        console.print(
+            "warning: no better than random actions; train longer, or another --seed", soft_wrap=True
+        )
 
 
 def write_policy_figure(

@@ -1,5 +1,6 @@
 """`capture gen-histories`: walks from sources to targets, and what both sides show on the way (paper, Algorithm 1)."""
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
@@ -25,6 +26,7 @@ from capture_cli.context.search.base import Search
 from capture_cli.errors import OptionError
 from capture_cli.model.effects.ranges import EffectRanges
 from capture_cli.model.model_hash import model_hash
+from capture_cli.model.tasks.aimed_task import AimedTask
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.model.tasks.sequence_task import SequenceTask
 from capture_cli.options.base import takes_options
@@ -68,6 +70,13 @@ def gen_histories(options: GenHistoriesOptions) -> dict[str, Any]:
     if isinstance(machine, SequenceTask):
         check_parameters_move_trajectories(
             machine.with_effects(asked.effects.at_middle), seed=options.seed, threads=options.threads
+        )
+    if isinstance(machine, AimedTask):
+        print(
+            "warning: a policy drives these episodes from the model's initial state, and a log has windows: what is "
+            "trained on them serves eval-sim2sim, and identify refuses it\n"
+            "  cure: leave --policy out where an identifier is to read logs",
+            file=sys.stderr,
         )
     began = time.monotonic()
     with (

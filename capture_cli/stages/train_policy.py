@@ -92,7 +92,9 @@ def train_policy(options: TrainPolicyOptions) -> dict[str, Any]:
         run.restore(*state)
     with resumable_directory(out, kept=kept, scaffold=[STATE], force=options.force, resume=resume) as folder:
         run.train(folder, recipe, options.quiet)
-        document = run.finish(options.policy, folder)
+        with Progress("train-policy", "policy", quiet=options.quiet) as progress:
+            progress.doing("judging the finished policy, and the random one")
+            document = run.finish(options.policy, folder)
         provenance.write(folder)
     return document
 
@@ -190,6 +192,7 @@ class _Run:
             for batch in range(done + 1, batches + 1):
                 seen.append(self.trainer.train())
                 if batch % self.every == 0 or batch == batches:
+                    progress.doing(f"judging the policy of episode {batch * settings.envs}")
                     self._evaluate(seen)
                     counters, arrays = self.trainer.state()
                     save_state(folder, {"trainer": counters, "metrics": self.metrics}, arrays, recipe)

@@ -196,9 +196,10 @@ def refuse_existing(path: Path, *, force: bool) -> None:
     except OSError as error:  # a name that is too long
         raise _as_output_error(error, path) from error
     for folder in path.parents:
-        if folder.is_file():
+        if folder.exists() and not folder.is_dir():
+            what = "a file" if folder.is_file() else "a device or a pipe"
             raise OutputError(
-                f"cannot write {path}: {folder} is a file, not a folder", cure="choose another --out"
+                f"cannot write {path}: {folder} is {what}, not a folder", cure="choose another --out"
             )
     if not there:
         _refuse_up_from_nothing(path)

@@ -12,7 +12,14 @@ REGISTRY: Registry[Check] = Registry(
     "capture_cli.log.checks",
     "Check",
     "check",
-    not_listed=("equal-episodes", "even-times", "held-outputs", "log-findings", "log-health", "parameter-bounds"),
+    not_listed=(
+        "equal-episodes",
+        "even-times",
+        "held-outputs",
+        "log-findings",
+        "log-health",
+        "parameter-bounds",
+    ),
 )
 _FIRST = (  # are told in this order, before others
     "shared-columns",
