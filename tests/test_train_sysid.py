@@ -27,6 +27,7 @@ from capture_cli.context.checkpoints.identifier_checkpoint import (
     read_document,
     save_identifier,
 )
+from capture_cli.context.checkpoints.training_state import check_recipe
 from capture_cli.context.identifiers import REGISTRY, _batches
 from capture_cli.context.identifiers._batches import Batches, Place, windows
 from capture_cli.context.identifiers._learned import LearnedIdentifier
@@ -553,3 +554,9 @@ def test_histories_of_another_version(small, tmp_path):
     zarr.open_group(str(copy)).attrs["version"] = 99
     with pytest.raises(StoreError, match="version 99"):
         train_sysid(histories=copy, out=tmp_path / "c", **TINY)
+
+
+def test_what_differs_of_a_long_text_is_shown():
+    earlier, now = {"task": f"{'a' * 100}/one/task.toml"}, {"task": f"{'a' * 100}/two/task.toml"}
+    with pytest.raises(OptionError, match=r"task was \.\.\.a*/one/task\.toml, now \.\.\.a*/two/task\.toml"):
+        check_recipe(earlier, now)

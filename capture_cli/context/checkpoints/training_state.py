@@ -5,6 +5,7 @@ A state is counters, arrays and what was being trained, in one safetensors file;
 
 import json
 from collections.abc import Iterable, Mapping
+from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
@@ -104,5 +105,11 @@ def _differences(before: Any, now: Any, path: str = "") -> list[str]:
         return [line for k, pair in enumerate(pairs) for line in _differences(*pair, f"{path}[{k}]")]
     if before == now:
         return []
-    shown = 60  # characters
-    return [f"{path} was {beginning(str(before), shown)}, now {beginning(str(now), shown)}"]
+    return ["{} was {}, now {}".format(path, *_where_they_differ(str(before), str(now)))]
+
+
+def _where_they_differ(one: str, other: str) -> list[str]:
+    """The beginnings of two texts, from a little before the first difference on."""
+    shown, before = 60, 15  # characters
+    skipped = max(len(commonprefix([one, other])) - before, 0) if max(len(one), len(other)) > shown else 0
+    return [beginning("..." * bool(skipped) + text[skipped:], shown) for text in (one, other)]
