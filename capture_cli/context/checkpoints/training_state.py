@@ -5,7 +5,7 @@ A state is counters, arrays and what was being trained, in one safetensors file;
 
 import json
 from collections.abc import Iterable, Mapping
-from os.path import commonprefix
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -111,5 +111,7 @@ def _differences(before: Any, now: Any, path: str = "") -> list[str]:
 def _where_they_differ(one: str, other: str) -> list[str]:
     """The beginnings of two texts, from a little before the first difference on."""
     shown, before = 60, 15  # characters
-    skipped = max(len(commonprefix([one, other])) - before, 0) if max(len(one), len(other)) > shown else 0
+    pairs = enumerate(zip_longest(one, other))
+    same = next((k for k, (a, b) in pairs if a != b), 0)
+    skipped = max(same - before, 0) if max(len(one), len(other)) > shown else 0
     return [beginning("..." * bool(skipped) + text[skipped:], shown) for text in (one, other)]
