@@ -598,6 +598,21 @@ def test_what_is_far_too_late_is_found(effect, found, tmp_path, monkeypatch, wit
     assert found <= {f"{one['name']}@{one['site']}", *one["tied_with"]}
 
 
+def test_a_rival_at_the_other_end_has_no_score(models):
+    """It is fitted for its law, and may have more parameters."""
+    blocks = np.full(40, 2.0)
+    mine, other = judged_by_blocks(1, 8140.0, blocks), judged_by_blocks(2, 8139.0, blocks)
+    assert models.compare(mine, replace(other, score=None)) == Reason.MORE_PARAMETERS
+
+
+@pytest.mark.parametrize(("left", "useful"), [(900.0, 9.5), (0.5, 1.2)])
+def test_what_takes_most_of_what_is_left_is_not_minor(models, left, useful):
+    """However much an effect before it took: of a quiet sensor's log that is most of a million squared floors."""
+    models.excess = 1e6
+    current = fit_leaving((1 + left) * SAMPLES)
+    assert models.useful_error(current) == pytest.approx(useful, rel=0.02)
+
+
 def test_what_is_left_of_a_log_without_noise_is_rounding(attribution, monkeypatch):
     """Anything is significant in that, so no effect is asked."""
     monkeypatch.setattr(ModelComparison, "screening_about", lambda *_, **__: pytest.fail("asked"))

@@ -45,6 +45,8 @@ class SETTINGS:
     # way that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one
     # alone comes near the floor.
     minor: float = 0.05
+    # of what the model before it leaves: one that takes so much is not minor, however much others took before
+    most: float = 0.9
 
 
 _NOT_MADE = object()
@@ -119,12 +121,13 @@ class ModelComparison:
         return not lack_held_out(own.data, own.residual).lacking
 
     def useful_error(self, current: Fit) -> float:
-        """The error above which a model with more than `current` is of no use: near the floor, where `current` leaves
-        so little that whatever comes next is minor.
+        """The error above which a model with more than `current` is of no use: where that leaves so little that what
+        comes next is minor, near the floor, or where most of that is taken.
         """
         if current.excess >= SETTINGS.minor * self.excess:
             return np.inf
-        return max(LACK_OF_FIT.near_floor, lack_of_fit(current.at).threshold)
+        most_taken = float(np.sqrt(1 + (1 - SETTINGS.most) * current.excess))
+        return max(LACK_OF_FIT.near_floor, lack_of_fit(current.at).threshold, most_taken)
 
     def screening_about(
         self, fit: Fit, on_step: Callable[[str, int, int], None], *, moved: bool = False
@@ -433,7 +436,8 @@ class ModelComparison:
         more, gain = self._more_and_gain(mine, other)
         whole = self._whole(mine, other)
         if more > 0 and whole < SETTINGS.clearly_better:
-            is_same = similarity(mine.score.response, other.score.response) > SETTINGS.same_here
+            is_scored = None not in (mine.score, other.score)
+            is_same = is_scored and similarity(mine.score.response, other.score.response) > SETTINGS.same_here
             # what more parameters are worth to windows that no fit saw is no matter of their number
             is_ahead = mine.select is not None and self._behind(mine, other) < -SETTINGS.as_likely
             can_be = is_same or is_ahead or whole > 0

@@ -11,6 +11,7 @@ from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.criterion import Support
+from capture_cli.select.model_comparison import SETTINGS as COMPARISON
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.score import Score
 
@@ -28,7 +29,8 @@ class Accepted:
     """An effect in the model, candidates that did as well when it entered, and how it stands in the last model.
 
     score: when it entered, and so are those of the rivals: later, with it in the model, they answer to what it leaves.
-    share: of the squared error above the noise floor of the declared model, what it took when it entered.
+    share: of the squared error above the noise floor of the declared model, or of the model before it where it took
+    most of that, what it took when it entered.
     """
 
     placed: Placed
@@ -95,7 +97,9 @@ class Answer:
 
     def accept(self, chosen: FittedSet, rivals: list[Candidate], current: Fit) -> Fit:
         """Accept the effects of the set `chosen`, whose model it returns. current: the model without them."""
-        share = (current.excess - chosen.fit.excess) / self.models.excess / len(chosen.added)
+        taken = current.excess - chosen.fit.excess
+        of = current.excess if taken > COMPARISON.most * current.excess else self.models.excess
+        share = taken / of / len(chosen.added)
         for placed in chosen.added:
             candidate = self.candidate(placed.name)
             candidate.rejection = None
