@@ -33,6 +33,7 @@ from capture_cli.select.candidates import all_candidates
 from capture_cli.select.input_readings import read_instead, timings_with_effects
 from capture_cli.select.search.answer import Accepted
 from capture_cli.select.time_limit import TimeLimit
+from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.diagnose import _prepared, diagnose
 from capture_cli.stages.log_to_fit import LogToFit
 from capture_cli.stages.record import record
@@ -332,3 +333,20 @@ def test_inputs_act_each_in_their_own_way_where_no_effect_with_all_alike_does_as
     few = [c for c in all_candidates(prepared) if c.placed.kind == kind]
     found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
     assert tuple(t.hold for t in found) == holds
+
+
+def test_shorter_steps_take_inputs_later_by_half_of_their_own(tmp_path):
+    """A mass without damping and spring is right to the second order in steps of any length, from its own speed on."""
+    task, log = of_a_machine(tmp_path, "slider")
+    prepared = prepare(log, task, **QUIET)
+    point = np.where([p.name == "mass" for p in task.space], task.space.nominal, 0.0)
+    finer = next(c.placed for c in all_candidates(prepared) if c.name == "finer-time-step@eighth")
+    windows, initial = prepared.windows, prepared.initial.states
+    own, short = (
+        Simulator(prepared.task, effects, threads=1).simulate(windows, initial, point).outputs[0, ..., 0]
+        for effects in ([], [finer])
+    )
+    steps = int(windows.samples.min())
+    off = (own - short)[:, :steps].T
+    ramp = np.stack([np.ones(steps), np.arange(steps)], axis=1)
+    assert np.abs(off - ramp @ np.linalg.lstsq(ramp, off, rcond=None)[0]).max() < 5e-5

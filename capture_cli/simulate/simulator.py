@@ -163,6 +163,8 @@ class Simulator:
         self.hidden_states = sum(len(own.effect.states) for own in self._placed)
         self._sensors = np.array([c.index for c in task.outputs])
         self._later = task.reads_later
+        late = [c.index for c, hold in zip(task.inputs, task.holds, strict=True) if hold == task.half_late]
+        self._late_controls = task.model.actuator_ctrladr[late]
         self._own_states = 2 * task.model.nv + task.model.na
         self.substeps = math.prod(effect.substeps for effect in all_effects)
 
@@ -303,8 +305,18 @@ class Simulator:
             before = sensors[..., self._later]
             rise = np.diff(before, axis=1)
             sensors = sensors.copy()
-            sensors[..., self._later] += 0.5 * np.concatenate([rise, rise[:, -1:]], axis=1)
+            half = 0.5 / self.substeps
+            sensors[..., self._later] += half * np.concatenate([rise, rise[:, -1:]], axis=1)
         return windows.sample(sensors, row)
+
+    def _at_kicks(self, controls: np.ndarray) -> np.ndarray:
+        """Controls (row, step, ctrl) in steps that are shorter: those that are late by half a step by half of these."""
+        if self.substeps == 1 or not self._late_controls.size:
+            return controls
+        earlier = 0.5 * (1 - 1 / self.substeps)
+        controls = controls.copy()
+        controls[:, :-1, self._late_controls] += earlier * np.diff(controls[..., self._late_controls], axis=1)
+        return controls
 
     def near_is_cheaper(self, parameters: np.ndarray, corrections: np.ndarray) -> bool:
         """Whether `simulate_near`, and a simulation of each window to check it, takes less than `simulate`."""
@@ -478,6 +490,7 @@ class Simulator:
         initial, hidden, first = conditions.states, conditions.hidden, drives.first
         elapsed = initial.time - drives.began
         controls, row = self._drive(drives, each, conditions, elapsed)
+        controls = self._at_kicks(controls)
         measures = self._measures
         keep = Keep(
             columns=None if measures else self._sensors,
