@@ -75,6 +75,14 @@ def test_columns_go_where_their_names_say(tmp_path):
     assert (task["inputs"]["pan"]["unit"], task["inputs"]["elbow"]["unit"]) == ("rad", "N m")
 
 
+def test_a_unit_says_what_a_column_is_where_no_word_does(tmp_path):
+    task = drafted(tmp_path, "ros_time,elbow_deg,elbow_deg_s,elbow_trq_mNm,shoulder_pan_deg")
+    assert columns_of(task, "inputs") == {"elbow": "elbow_trq_mNm"}
+    assert task["inputs"]["elbow"]["column_unit"] == "mNm"
+    outputs = {"shoulder_pan_pos": "shoulder_pan_deg", "elbow_pos": "elbow_deg", "elbow_vel": "elbow_deg_s"}
+    assert columns_of(task, "outputs") == outputs
+
+
 def test_sensors_that_the_model_lacks_are_in_a_file_that_includes_it(tmp_path):
     task = drafted(tmp_path, "time,elbow_pos,shoulder_pan_pos")
     assert task["model"] == "arm_sensors.xml"
@@ -144,6 +152,8 @@ def test_names_are_compared_by_their_words(wanted, columns, found):
 def test_the_time_is_the_column_that_says_so():
     assert time_column(["torque", "Time [s]"]) == "Time [s]"
     assert time_column(["torque", "tip"]) is None
+    assert time_column(["torque", "ros_time"]) == "ros_time"
+    assert time_column(["rise_time", "t"]) == "t"
 
 
 @pytest.mark.parametrize("name", [*MACHINE])

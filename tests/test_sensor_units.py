@@ -125,6 +125,7 @@ def test_what_is_no_unit_is_refused(unit):
         ("time_us", "s", "us", 1e-6),
         ("current_mA", "A", "mA", 1e-3),
         ("F_kN", "N", "kN", 1e3),
+        ("trq_mNm", "N m", "mNm", 1e-3),
     ],
 )
 def test_a_unit_that_a_name_ends_in_is_read(column, own, unit, factor):

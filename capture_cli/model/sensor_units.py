@@ -104,7 +104,7 @@ _OF_JOINTS = {
 }
 # Endings of names that mean a unit, and nothing else as in, g or turn do, and Nm, which is N m as well
 _IN_NAMES = re.compile(
-    r"(?:^|[^a-zA-Z])(?:(?P<short>dps|rpm|rps|kph|mph|kN|m[AV]|[mun]s)"
+    r"(?:^|[^a-zA-Z])(?:(?P<short>dps|rpm|rps|kph|mph|kN|mNm|m[AV]|[mun]s)"
     r"|(?P<of>[um]rad|deg|degs|degrees?|[umck]m)"
     r"(?:(?:/|_per_)(?P<time>ms|s|sec|min|minute|h|hr|hour)|(?P<second>[p_]s))?)\W*$"
 )

@@ -18,13 +18,15 @@ COMMAND, EFFORT, POSITION, VELOCITY = "command", "effort", "position", "velocity
 # Words by which loggers say what a column is
 WORDS = {
     COMMAND: "action cmd command commanded control ctrl des desired goal input ref reference setpoint target",
-    EFFORT: "amp amps current effort force nm pwm tau torque volt voltage volts",
+    EFFORT: "amp amps current effort force mnm nm pwm tau torque trq volt voltage volts",
     POSITION: "angle actual enc encoder measured meas pos position q qpos state theta",
     VELOCITY: "dq gyro omega qd qvel rate rpm speed vel velocity",
 }
 ROLE_OF = {word: role for role, words in WORDS.items() for word in words.split()}
 AXES = "wxyz"
-TIMES = ("t", "time", "timestamp", "stamp")
+TIMES = ("t", "time", "timestamp", "stamp", "datetime", "sec", "secs", "seconds")
+# Of columns that no other word tells of, by the units that their names end in: per s, or as it is
+PER_SECOND, LENGTHS = ("s", "sec"), ("deg", "degrees", "m", "mm", "rad")
 # Words that say nothing: units, and what every channel is of
 IDLE = "a actuator deg joint m motor mm ms n observation rad s sensor servo us v"
 
@@ -47,8 +49,9 @@ def words(name: str) -> list[str]:
 
 
 def time_column(columns: Sequence[str]) -> str | None:
-    """The column that says the time; None where none does."""
-    return next((c for c in columns if (words(c) or [""])[0] in TIMES), None)
+    """The column that says the time, in its first word if one does; None where none does."""
+    first = next((c for c in columns if (words(c) or [""])[0] in TIMES), None)
+    return first or next((c for c in columns if any(w in TIMES[1:] for w in words(c))), None)
 
 
 def matched(wanted: Sequence[Wanted], columns: Sequence[str]) -> list[str | None]:
@@ -104,4 +107,11 @@ def _places(some: Iterable[str]) -> set[str]:
 
 
 def _roles(column: str) -> set[str]:
-    return {ROLE_OF[word] for word in words(column) if word in ROLE_OF}
+    """By the words of its name, or the unit that it ends in."""
+    own = words(column)
+    if roles := {ROLE_OF[word] for word in own if word in ROLE_OF}:
+        return roles
+    is_rate = len(own) > 2 and own[-1] in PER_SECOND
+    unit = own[-2] if is_rate else (own or [""])[-1]
+    named = len(own) > 1 + is_rate  # `m` alone may be the name of a motor
+    return {VELOCITY if is_rate else POSITION} if unit in LENGTHS and named else set()
