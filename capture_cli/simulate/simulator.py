@@ -163,8 +163,9 @@ class Simulator:
         self.hidden_states = sum(len(own.effect.states) for own in self._placed)
         self._sensors = np.array([c.index for c in task.outputs])
         self._later = task.reads_later
-        late = [c.index for c, hold in zip(task.inputs, task.holds, strict=True) if hold == task.half_late]
-        self._late_controls = task.model.actuator_ctrladr[late]
+        self._late_controls = task.model.actuator_ctrladr[
+            [c.index for c, late in zip(task.inputs, task.half_late, strict=True) if late]
+        ]
         self._own_states = 2 * task.model.nv + task.model.na
         self.substeps = math.prod(effect.substeps for effect in all_effects)
 
