@@ -488,6 +488,15 @@ def test_terminal_tells_the_sizes_of_several_effects_where_there_is_no_room_for_
     assert len(lines) <= 12
 
 
+def test_terminal_tells_sizes_below_however_many_notes():
+    diagnosis = make()
+    diagnosis.document["impossible_inertia"] = [
+        {"body": f"arm{k}", "moments": [0.001, 0.002, 0.004], "text": f"Note {k}. " + "word " * 30} for k in range(6)
+    ]
+    told = " ".join(printed(diagnosis, 80).split())
+    assert "sizes coulomb-friction@x friction 21.83 N; direction-dependent-viscous@x" in told
+
+
 def test_terminal_tells_the_size_of_a_single_effect_and_the_runner_up():
     lines = printed(make(effects=(COULOMB,)), 120).splitlines()
     found = "The model lacks coulomb-friction@x (friction 21.83 N): dry friction of constant size in a joint."

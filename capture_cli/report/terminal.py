@@ -116,9 +116,10 @@ def _print_sizes(record: DiagnosisRecord, screen: _Screen) -> None:
     if screen.lines + len(rows) + 2 <= SETTINGS.most_lines:
         screen.blank()
         screen.table(rows)
-    elif screen.lines < SETTINGS.most_lines:
+    else:
         sizes = "; ".join(f"{diagnosis_findings.placed(e)} {_sizes(e)}".strip() for e in record.effects)
-        screen.wrapped(f"{'  sizes':<{SETTINGS.mark}}", sizes, "dim", most=SETTINGS.most_lines - screen.lines)
+        room = max(SETTINGS.most_lines - screen.lines, SETTINGS.short)
+        screen.wrapped(f"{'  sizes':<{SETTINGS.mark}}", sizes, "dim", most=room)
 
 
 def _print_predictions(result: Estimate | Diagnosis, screen: _Screen) -> None:
