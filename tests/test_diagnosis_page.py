@@ -491,7 +491,8 @@ def test_terminal_tells_the_sizes_of_several_effects_where_there_is_no_room_for_
 def test_terminal_tells_sizes_below_however_many_notes():
     diagnosis = make()
     diagnosis.document["impossible_inertia"] = [
-        {"body": f"arm{k}", "moments": [0.001, 0.002, 0.004], "text": f"Note {k}. " + "word " * 30} for k in range(6)
+        {"body": f"arm{k}", "moments": [0.001, 0.002, 0.004], "text": f"Note {k}. " + "word " * 30}
+        for k in range(6)
     ]
     told = " ".join(printed(diagnosis, 80).split())
     assert "sizes coulomb-friction@x friction 21.83 N; direction-dependent-viscous@x" in told

@@ -3,7 +3,7 @@
 import mujoco
 
 from capture_cli.errors import ModelError, did_you_mean
-from capture_cli.model.target_attributes import ATTRIBUTES
+from capture_cli.model.target_attributes import ATTRIBUTES, Attribute
 from capture_cli.model.targets import Target
 
 
@@ -27,16 +27,10 @@ def parse_target(text: str, model: mujoco.MjModel, where: str) -> Target:
     return ATTRIBUTES[kind][attribute].target(model, number, where)
 
 
-def least_value(text: str) -> float:
-    """Below which the number that the target `text` of a model sets is none; -inf where it may be anything."""
+def attribute_of(text: str) -> Attribute:
+    """What the target `text` of a model sets."""
     kind, _, attribute = split_target(text)
-    return ATTRIBUTES[kind][attribute].least
-
-
-def unit_of(text: str) -> str:
-    """The unit of what the target `text` of a model sets, or the units of which it may be."""
-    kind, _, attribute = split_target(text)
-    return ATTRIBUTES[kind][attribute].unit
+    return ATTRIBUTES[kind][attribute]
 
 
 def split_target(text: str) -> tuple[str, str, str]:

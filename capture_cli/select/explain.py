@@ -61,7 +61,7 @@ def explain(
     nominal: np.ndarray,
     settings: Settings,
     on_step: OnStep,
-    as_otherwise: Callable[[], PreparedLog] | None = None,
+    other_reading: Callable[[], PreparedLog] | None = None,
 ) -> Explanation:
     """What explains the log, from the values `nominal` (parameter,) of its task. Raises FitError.
 
@@ -70,7 +70,7 @@ def explain(
     moves them. With a noise floor that has the outliers in it, where that is what the last model leaves. With inputs
     read otherwise than the log told, where what was found explains it so with fewer effects.
 
-    as_otherwise: makes the log ready with such inputs.
+    other_reading: makes the log ready with such inputs.
     """
     rollouts = prepared.rollouts
     rollouts += check_parameters_move_outputs(prepared, seed=settings.seed, threads=settings.threads)
@@ -102,8 +102,8 @@ def explain(
             _, found = otherwise(
                 noisier, "a search with outliers in the noise floor", free=not begun.as_acted
             )
-    if as_otherwise is not None and not found.out_of_time:
-        read = read_instead(found.accepted, found.after.fit, as_otherwise, settings.threads)
+    if other_reading is not None and not found.out_of_time:
+        read = read_instead(found.accepted, found.after.fit, other_reading, settings.threads)
         if read is not None:
             _, found = otherwise(read, "a search with inputs read otherwise", free=not begun.as_acted)
     return found

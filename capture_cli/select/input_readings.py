@@ -77,7 +77,7 @@ class Reading:
         """Of held inputs: that they act so, as those of a machine do, with its best model; None where that predicts no
         more of this one's models, or leaves more than noise: something else that is missing may look like it.
         """
-        later = held_late(self.screening.balance, 0.5)
+        later = held_late(self.unread, 0.5)
         own = self.screening.read_as(read_as(self.unread, later).holds)
         asked = [self.screening.fits.judged(self.declared), self.model]
         if not any(is_surely_better(m.likelihood, own.fits.judged(m).likelihood) for m in asked):
@@ -227,17 +227,17 @@ def _timings(read: Reading, other: Reading) -> tuple[InputTiming, ...]:
 
 
 def read_instead(
-    accepted: Sequence[Accepted], last: Fit, otherwise: Callable[[], PreparedLog], threads: int | None
+    accepted: Sequence[Accepted], last: Fit, other_reading: Callable[[], PreparedLog], threads: int | None
 ) -> PreparedLog | None:
     """The log with its inputs read otherwise, where the `last` model explains it so without effects that do as another
     reading does: those on controls, and shorter steps; None where it does not, or has none.
 
-    accepted: the effects of the model, which was found in the reading that was told. otherwise: makes the log ready.
+    accepted: the effects of the model, found in the reading that was told. other_reading: makes the log ready.
     """
     rest = [a.placed for a in accepted if not _may_be_a_reading(a)]
     if len(rest) == len(accepted):
         return None
-    read = otherwise()
+    read = other_reading()
     own = [last.point[last.columns(e.name)] for e in rest]
     start = np.concatenate([last.point[: len(read.task.space)], *own])
     enough = lack_of_fit(last.at).threshold
@@ -246,10 +246,10 @@ def read_instead(
     return read if fit is not None and not lack_of_fit(fit.at).lacking else None
 
 
-def otherwise_read(unread: Task, told: Collection[InputTiming], prepared_as: PreparedAs) -> PreparedLog:
+def read_otherwise(unread: Task, told: Collection[InputTiming], prepared_as: PreparedAs) -> PreparedLog:
     """The log with inputs that were told to act so held instead, or half a step of the model later if they are."""
     is_plain = all(t.hold == HELD for t in told)
-    hold = Hold(HELD.commands, unread.timestep / 2) if is_plain else HELD
+    hold = held_late(unread, 0.5) if is_plain else HELD
     timings = tuple(InputTiming(t.name, hold, None, None, t.beyond_noise) for t in told)
     return replace(prepared_as(read_as(unread, hold)), input_timings=timings)
 

@@ -19,7 +19,7 @@ from capture_cli.options.base import takes_options
 from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings, explain
-from capture_cli.select.input_readings import otherwise_read, timings_with_effects
+from capture_cli.select.input_readings import read_otherwise, timings_with_effects
 from capture_cli.select.time_limit import TimeLimit
 from capture_cli.stages.documents.diagnosis_document import diagnosis_of
 from capture_cli.stages.log_to_fit import LogToFit, read_log
@@ -73,10 +73,10 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
         with Progress("diagnose", "model", quiet=options.quiet) as progress:
             progress.doing("making the log ready")
             prepared = _prepared(to_fit, held_out, limit, progress)
-            otherwise = None
+            other_reading = None
             if told := prepared.input_timings:
-                otherwise = partial(otherwise_read, to_fit.task, told, partial(to_fit.prepared, held_out))
-            diagnosis = diagnose_prepared(prepared, nominal, settings, progress, otherwise)
+                other_reading = partial(read_otherwise, to_fit.task, told, partial(to_fit.prepared, held_out))
+            diagnosis = diagnose_prepared(prepared, nominal, settings, progress, other_reading)
         diagnosis.write(folder)
         _write_pages(diagnosis, folder, provenance)
         provenance.write(folder)
@@ -120,11 +120,11 @@ def diagnose_prepared(
     nominal: np.ndarray,
     settings: Settings,
     progress: Progress,
-    otherwise: Callable[[], PreparedLog] | None = None,
+    other_reading: Callable[[], PreparedLog] | None = None,
 ) -> Diagnosis:
     """What `diagnose` finds in a log that was made ready, from the values `nominal` (parameter,) of its task.
 
-    otherwise: makes it ready with inputs read otherwise than the log told. Raises FitError;
+    other_reading: makes it ready with inputs read otherwise than the log told. Raises FitError;
     Interrupted, which names what was found until then, and how to go on.
     """
     last: list[str] = []
@@ -140,7 +140,7 @@ def diagnose_prepared(
 
     progress.of("", "fitting the declared model")
     try:
-        found = explain(prepared, nominal, settings, tell, otherwise)
+        found = explain(prepared, nominal, settings, tell, other_reading)
         return diagnosis_of(found, settings.threads)
     except KeyboardInterrupt:
         raise _interrupted(last, settings) from None

@@ -105,7 +105,8 @@ def _differences(before: Any, now: Any, path: str = "") -> list[str]:
         return [line for k, pair in enumerate(pairs) for line in _differences(*pair, f"{path}[{k}]")]
     if before == now:
         return []
-    return ["{} was {}, now {}".format(path, *_where_they_differ(str(before), str(now)))]
+    was, is_now = _where_they_differ(str(before), str(now))
+    return [f"{path} was {was}, now {is_now}"]
 
 
 def _where_they_differ(one: str, other: str) -> list[str]:

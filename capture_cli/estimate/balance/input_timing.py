@@ -24,6 +24,7 @@ from capture_cli.estimate.balance.force_balance import ForceBalance
 from capture_cli.estimate.balance.regression import Sums, predicted, sum_and_error, with_prior
 from capture_cli.estimate.balance.whitening import Whitening
 from capture_cli.log.input_sequences import EVENLY, HELD, Hold
+from capture_cli.model.tasks.base import Task
 
 
 @frozen
@@ -113,12 +114,12 @@ def input_timings(
     evenly = [k for k in asked if read[k] == EVENLY]
     if evenly:
         found = likeliest(lambda hold: (known, likelihood(with_(hold, evenly))), balance)
-        read, known = with_(found, evenly), likelihood(with_(found, evenly))
+        read = with_(found, evenly)
     still_held = [k for k in asked if read[k] == HELD]
     if still_held:
-        later, a_step = (with_(held_late(balance, steps), still_held) for steps in (0.5, 1.0))
+        later, a_step = (with_(held_late(balance.smoothed.task, steps), still_held) for steps in (0.5, 1.0))
         # what is a step late, or more, is a delay of the machine
-        is_half = all(is_surely_better(other, likelihood(later)) for other in (known, likelihood(a_step)))
+        is_half = all(is_surely_better(likelihood(other), likelihood(later)) for other in (read, a_step))
         if is_half and told(later).beyond_noise < SETTINGS.asked_again:
             read = later
     contradicted = any(gain < -SETTINGS.least for gain, _ in gains.values())
@@ -207,9 +208,9 @@ def changing_holds(balance: ForceBalance) -> list[Hold]:
     return [*(Hold(float(n)) for n in range(2, min(SETTINGS.most + 1, steps))), EVENLY]
 
 
-def held_late(balance: ForceBalance, steps: float) -> Hold:
-    """Held inputs that act so many steps of the model after their rows."""
-    return Hold(HELD.commands, steps * balance.smoothed.task.timestep)
+def held_late(task: Task, steps: float) -> Hold:
+    """Held inputs that act so many steps of the task's model after their rows."""
+    return Hold(HELD.commands, steps * task.timestep)
 
 
 def is_held(hold: Hold) -> bool:

@@ -75,9 +75,10 @@ def time_stamp_jitter(
         moving = slope * np.square(np.concatenate(speeds)).mean()
         if moving < SETTINGS.worth_a_word * (still + moving):
             continue
-        if np.sqrt(slope) * prepared.noise.sd[k] < np.spacing(np.abs(time).max()):
+        off = np.sqrt(slope) * prepared.noise.sd[k]
+        if off < np.spacing(np.abs(time).max()):
             continue  # no time stamp can be off by less than its number holds
-        sd[k], share[k] = np.sqrt(slope) * prepared.noise.sd[k], moving / (still + moving)
+        sd[k], share[k] = off, moving / (still + moving)
         for steps, speed in zip(own, speeds, strict=True):
             noise[..., k][steps] = np.sqrt(min(still, 1.0) + slope * np.square(speed))
     return TimeStampJitter(sd, share, _explained(noise, whole, at, fitted)) if sd.any() else None

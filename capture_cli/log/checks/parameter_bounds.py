@@ -5,6 +5,8 @@ from collections.abc import Iterator
 
 from capture_cli.common.quantities import bound, significant, with_unit
 from capture_cli.log.checks.base import Finding, warning
+from capture_cli.model.parameters import Parameter
+from capture_cli.model.target_names import attribute_of
 from capture_cli.model.tasks.base import Task
 
 
@@ -22,11 +24,11 @@ def _far(task: Task) -> Iterator[Finding]:
         ends = sorted(abs(end) for end in (p.low, p.high))
         if value == 0 or p.low <= value <= p.high or ends[0] / far <= abs(value) <= ends[1] * far:
             continue
-        bounds = f"{bound(p.low)} to {with_unit(bound(p.high), p.unit)}"
         yield warning(
             f"parameter {p.name}",
-            f"the model's own value, {significant(value, 3)}, is far outside its bounds, {bounds}",
-            f"give bounds of {target}, or, if they are, a nominal value inside them",
+            f"the model's own value, {significant(value, 3)}, is far outside its bounds, {_bounds(p)}",
+            f"give bounds of {target}, whose unit is {attribute_of(target).unit}, or, if they are, a nominal value "
+            "inside them",
         )
 
 
@@ -43,7 +45,7 @@ def _wide(task: Task) -> Iterator[Finding]:
     vast = 1e6  # in SI units: m, rad, N, N m
     for p in task.space:
         size, where = abs(p.nominal), f"parameter {p.name}"
-        bounds = f"{bound(p.low)} to {with_unit(bound(p.high), p.unit)}"
+        bounds = _bounds(p)
         if size == 0 or p.low < 0 < p.high:
             if p.span > vast:
                 what = f"its bounds, {bounds}, are wider than any place or bias of a machine"
@@ -57,6 +59,10 @@ def _wide(task: Task) -> Iterator[Finding]:
                 f"{step}, and may stand still where it begins",
                 f"give [parameters.{p.name}] bounds that the machine can have, say within a factor of 10 of nominal",
             )
+
+
+def _bounds(parameter: Parameter) -> str:
+    return f"{bound(parameter.low)} to {with_unit(bound(parameter.high), parameter.unit)}"
 
 
 def warn_of_bounds(task: Task) -> None:

@@ -76,7 +76,7 @@ class Task(ABC):
 
     model_path: the MJCF that the model is made from. path: its task.toml; None where it is built in. effects: what a
     machine of it has beside the model: (Placed, values (parameter,)) each; `with_effects` adds them. model_values: of
-    parameters that a task file gives no nominal value: the model's own, and what it is of, with its unit.
+    parameters that a task file gives no nominal value: the model's own, and the target that it is of.
     """
 
     name: str

@@ -12,7 +12,7 @@ from capture_cli.model.mjcf.model_file import compile_file
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.quaternion_signs import is_quaternion
 from capture_cli.model.sensor_units import factor_between, refuse_other_units, refuse_period_in_other_unit
-from capture_cli.model.target_names import least_value, object_id, parse_target, split_target, unit_of
+from capture_cli.model.target_names import attribute_of, object_id, parse_target, split_target
 from capture_cli.model.targets import Target
 from capture_cli.model.tasks._table import REQUIRED, Table
 from capture_cli.model.tasks.base import Channel, LogColumns, Task
@@ -95,7 +95,7 @@ class MjcfFile(Task):
         _check_least(own, texts, low)
         value = targets[0].read(self.model)
         if "nominal" not in own:
-            self.model_values[name] = value, f"{texts[0]}, whose unit is {unit_of(texts[0])}"
+            self.model_values[name] = value, texts[0]
         nominal = own.number("nominal", value)
         if "nominal" in own and not low <= nominal <= high:
             raise own.error(
@@ -290,7 +290,7 @@ def _set_once(own: Table, texts: list[str], name: str, set_by: dict[str, str]) -
 def _check_least(own: Table, texts: list[str], low: float) -> None:
     """Raise TaskError where the bound `low` is below what one of the targets `texts` can be."""
     for text in texts:
-        least = least_value(text)
+        least = attribute_of(text).least
         if low < least:
             raise own.error(
                 f"low = {low:g}, and {text!r} cannot be below {least:g}", cure=f"give low = {least:g} or more"

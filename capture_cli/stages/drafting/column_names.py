@@ -26,7 +26,7 @@ ROLE_OF = {word: role for role, words in WORDS.items() for word in words.split()
 AXES = "wxyz"
 TIMES = ("t", "time", "timestamp", "stamp", "datetime", "sec", "secs", "seconds")
 # Of columns that no other word tells of, by the units that their names end in: per s, or as it is
-PER_SECOND, LENGTHS = ("s", "sec"), ("deg", "degrees", "m", "mm", "rad")
+PER_SECOND, OF_POSITIONS = ("s", "sec"), ("deg", "degrees", "m", "mm", "rad")
 # Words that say nothing: units, and what every channel is of
 IDLE = "a actuator deg joint m motor mm ms n observation rad s sensor servo us v"
 
@@ -114,4 +114,4 @@ def _roles(column: str) -> set[str]:
     is_rate = len(own) > 2 and own[-1] in PER_SECOND
     unit = own[-2] if is_rate else (own or [""])[-1]
     named = len(own) > 1 + is_rate  # `m` alone may be the name of a motor
-    return {VELOCITY if is_rate else POSITION} if unit in LENGTHS and named else set()
+    return {VELOCITY if is_rate else POSITION} if unit in OF_POSITIONS and named else set()
