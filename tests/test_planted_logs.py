@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import islice
 
+import mujoco
 import numpy as np
 import pytest
 from balances import Made
@@ -22,7 +23,16 @@ from benchmarks._planted_logs.cases import (
     cases,
     direction,
 )
-from benchmarks._planted_logs.dresses import CUTOFF, DRESSES, FILTERED, HALF, NO_WINDOW, PLAIN, QUARTER
+from benchmarks._planted_logs.dresses import (
+    CUTOFF,
+    DRESSES,
+    ELSEWHERE,
+    FILTERED,
+    HALF,
+    NO_WINDOW,
+    PLAIN,
+    QUARTER,
+)
 from benchmarks._planted_logs.machines import MACHINE, RATE, Experiment
 from benchmarks._planted_logs.sizes import Refit, size
 from capture_cli.model.effects import REGISTRY
@@ -179,3 +189,20 @@ def test_a_shape_that_may_be_planted_is_in_the_range_of_a_log(machine_name):
             drawn = zip(anywhere.space.names, values, strict=True)
             outside |= {(kind, n) for n, v in drawn if n in effect.shapes and not low[n] <= v <= high[n]}
     assert outside <= ENDS_WITH_THE_LOG
+
+
+def test_elsewhere_a_machine_moves_in_time_and_not_in_steps_of_its_model():
+    case = Case(NOTHING, "arm", (), 1.0, 0, dress=ELSEWHERE)
+    made = case.experiment(case.generator)
+    made.parameters = made.task.space.nominal
+    there = made.outputs()[:25]
+    made.elsewhere = False
+    own = made.outputs()[:25]
+    model = made.task.model.__copy__()
+    model.opt.integrator, steps = mujoco.mjtIntegrator.mjINT_RK4, round(1 / RATE / model.opt.timestep)
+    data, moved = mujoco.MjData(model), []
+    for ctrl in made.inputs[:25]:
+        moved.append(data.qpos.copy())
+        data.ctrl[:] = ctrl
+        mujoco.mj_step(model, data, steps)
+    assert np.abs(there - moved).max() < 0.2 * np.abs(own - moved).max()

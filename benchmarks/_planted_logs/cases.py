@@ -24,7 +24,7 @@ from itertools import count
 
 import numpy as np
 
-from benchmarks._planted_logs.dresses import PLAIN, dressed, rate_in
+from benchmarks._planted_logs.dresses import ELSEWHERE, PLAIN, dressed, rate_in
 from benchmarks._planted_logs.machines import EPISODES, MACHINE, Experiment
 from benchmarks._planted_logs.outside import LEFT_OUT, OUTSIDE
 from benchmarks._planted_logs.sizes import Refit, Shown, size
@@ -90,6 +90,11 @@ class Case:
         text = f"{self.kind}/{self.machine}/{'&'.join(self.planted)}"
         return np.random.default_rng([self.number, zlib.crc32(text.encode())])
 
+    def experiment(self, generator: np.random.Generator) -> Experiment:
+        """What is recorded, but for the effects."""
+        rate, elsewhere = rate_in(self.dress), self.dress == ELSEWHERE
+        return Experiment(MACHINE[self.machine], generator, self.episodes, rate, elsewhere=elsewhere)
+
     def effects(self, model) -> list[Effect]:
         """What is planted, each at its site of `model`."""
         effects = []
@@ -102,7 +107,7 @@ class Case:
     def build(self) -> tuple[Task, MeasuredLog, Truth]:
         """The task, the log in its dress, and what is true of it. Raises NothingToFind."""
         generator = self.generator
-        made = Experiment(MACHINE[self.machine], generator, self.episodes, rate_in(self.dress))
+        made = self.experiment(generator)
         refit = Refit(made)
         planted = []
         for effect in self.effects(made.task.model):

@@ -1,4 +1,4 @@
-"""The same log as other loggers would have written it, and the task file that goes with it."""
+"""The same log as other loggers would have written it, and the task file that goes with it; or another simulator's."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from benchmarks._planted_logs.machines import RATE
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
 
-PLAIN, SLOW, NO_WINDOW, HALF, QUARTER, LATE, FILTERED = (
+PLAIN, SLOW, NO_WINDOW, HALF, QUARTER, LATE, FILTERED, ELSEWHERE = (
     "plain",
     "slow",
     "no-window",
@@ -20,6 +20,7 @@ PLAIN, SLOW, NO_WINDOW, HALF, QUARTER, LATE, FILTERED = (
     "quarter-rate",
     "row-late",
     "filtered",
+    "elsewhere",
 )
 CUTOFF = 1 / 8  # of the sampling rate
 SETTLING = 64  # samples that the filter has seen before an episode begins
@@ -75,11 +76,12 @@ DRESSES: Mapping[str, Dress] = {
     QUARTER: _every(4),
     LATE: _row_late,
     FILTERED: _filtered,
+    ELSEWHERE: lambda log: log,
 }
 
 
 def rate_in(name: str) -> float:
-    """Commands and rows per second of the plain recording that is put in the dress `name`."""
+    """Commands and rows per second of the recording that is put in the dress `name`."""
     return SLOWLY if name == SLOW else RATE
 
 

@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import MACHINES
+from capture_cli.estimate.balance.input_timing import held_late
+from capture_cli.estimate.time_step import FINER
 from capture_cli.log.arrays import Log
-from capture_cli.log.input_sequences import HELD
+from capture_cli.log.input_sequences import HELD, Hold
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import cut
+from capture_cli.model.effects import REGISTRY
 from capture_cli.model.effects.base import Effect
 from capture_cli.model.states import InitialStates
 from capture_cli.model.tasks import load_task
@@ -22,6 +25,7 @@ from capture_cli.simulate.simulator import Simulator
 
 EPISODES, DURATION, RATE = 12, 3.0, 250.0
 BAND = (0.1, 3.0)  # Hz
+FINE = "eighth"  # of the model's step: those of a machine that was simulated elsewhere
 
 
 @dataclass(frozen=True)
@@ -57,15 +61,22 @@ MACHINE = {
 class Experiment:
     """One machine with its parameters, its drive and its noise; what an effect adds to it is all that changes.
 
-    rate: rows, and commands that are held, per second.
+    rate: rows, and commands that are held, per second. elsewhere: the machine moves in time, and not in the steps of
+    its model: in `FINE` of each, and inputs and sensors half a step later (second order in the step).
 
     time (step,) s; inputs (step, input); noise (step, output); noise_sd (output,); episodes: their steps.
     """
 
     def __init__(
-        self, machine: Machine, generator: np.random.Generator, episodes: int = EPISODES, rate: float = RATE
+        self,
+        machine: Machine,
+        generator: np.random.Generator,
+        episodes: int = EPISODES,
+        rate: float = RATE,
+        *,
+        elsewhere: bool = False,
     ):
-        self.task = machine.task
+        self.task, self.elsewhere = machine.task, elsewhere
         self.parameters = self.task.space.from_unit(generator.uniform(size=len(self.task.space)))
         self.noise_sd = np.array([machine.noise[c.name] for c in self.task.outputs])
         steps = round(DURATION * rate) + 1
@@ -93,17 +104,22 @@ class Experiment:
         """What sensors without noise show, (step, output), with effects at their values (parameter,); None where the
         simulation diverges.
         """
-        point = np.concatenate([self.parameters, *(values for _, values in planted)])
-        whole = self.cut(np.zeros_like(self.noise), None)
+        task, hold = self.task, HELD
         named = [(f"planted-{number}", effect) for number, (effect, _) in enumerate(planted)]
-        simulator = Simulator(self.task, named, threads=1)
+        if self.elsewhere:
+            hold = held_late(task, 0.5)
+            task = task.with_holds([hold] * len(task.inputs))
+            named.append((FINER, REGISTRY.get(FINER)(task.model, FINE)))
+        point = np.concatenate([self.parameters, *(values for _, values in planted)])
+        whole = self.cut(np.zeros_like(self.noise), None, hold)
+        simulator = Simulator(task, named, threads=1)
         simulated = simulator.simulate(whole, self.initial, point[None], logged=True)
         return None if simulated.diverged.any() else simulated.outputs[0][whole.mask]
 
-    def cut(self, outputs: np.ndarray, duration: float | None):
+    def cut(self, outputs: np.ndarray, duration: float | None, hold: Hold = HELD):
         """Windows of `duration` s (episodes where None) of a log of this experiment with `outputs` (step, output)."""
         samples = Log(self.time, outputs, self.episodes, self.inputs)
-        return cut(samples, duration, self.task.timestep, [HELD] * len(self.task.inputs))
+        return cut(samples, duration, self.task.timestep, [hold] * len(self.task.inputs))
 
     def log(self, outputs: np.ndarray) -> MeasuredLog:
         """The log of `outputs` (step, output), with the noise."""
