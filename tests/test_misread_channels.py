@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -70,7 +71,9 @@ def test_an_output_of_another_sign_or_unit_is_named(tasks, logs, factor):
     found = misread(log, tasks["slider"])
     assert Reading("outputs", (log.output_names[0],), factor) in found.readings
     assert found.after < 0.1 < found.before
-    assert FACTORS[factor] in found.text
+    text = found.text(load_task(tasks["slider"]))
+    assert FACTORS[factor] in text
+    assert re.search(r"Write `scale = -?[\d.e-]+` below \[(in|out)puts\.\w+\] in the task file", text)
 
 
 @pytest.mark.parametrize(
@@ -148,7 +151,9 @@ def test_of_two_channels_with_each_other_s_columns_both_are_named(tasks, logs):
     found = misread(replace(log, inputs=log.inputs[:, ::-1].copy()), tasks["arm"])
     names, columns = (tuple(getattr(c, key) for c in channels) for key in ("name", "column"))
     assert Reading("inputs", names, columns=columns[::-1]) in found.readings
-    assert f"{names[0]} from {columns[1]!r}, {names[1]} from {columns[0]!r}" in found.text
+    assert f"{names[0]} from {columns[1]!r}, {names[1]} from {columns[0]!r}" in found.text(
+        load_task(tasks["arm"])
+    )
     assert found.after < 0.1 < found.before
 
 

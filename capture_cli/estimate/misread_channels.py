@@ -63,6 +63,20 @@ class Reading:
             f"{c} from {column!r}" for c, column in zip(self.channels, self.columns, strict=True)
         )
 
+    def cure(self, task: Task) -> str:
+        """What to write in the task file; of a sensor of several values, which are one output there, that it is to be
+        mended.
+        """
+        own = {c.name: c for c in getattr(task, self.kind)}
+        if self.kind == "outputs" and any(task.model.sensor_dim[own[c].sensor] > 1 for c in self.channels):
+            return "Mend that in the task file"
+        if self.columns is None:
+            values = [f"scale = {own[c].scale * self.factor:.10g}" for c in self.channels]
+        else:
+            values = [f'column = "{column}"' for column in self.columns]
+        lines = [f"`{v}` below [{self.kind}.{c}]" for c, v in zip(self.channels, values, strict=True)]
+        return f"Write {', '.join(lines)} in the task file"
+
 
 @dataclass(frozen=True)
 class Misread:
@@ -77,12 +91,13 @@ class Misread:
     before: float
     after: float
 
-    @property
-    def text(self) -> str:
+    def text(self, task: Task) -> str:
+        """A sentence, with what to write in the file of the `task`."""
+        first = "" if len(self.readings) == 1 else " for the first of these"
         return (
             f"As the log was read, a fit is off by {100 * self.before:.0f} % of the motion within windows, and by "
-            f"{100 * self.after:.2g} % with {', or with '.join(r.text for r in self.readings)}: mend that in the "
-            "task file, and import the log again."
+            f"{100 * self.after:.2g} % with {', or with '.join(r.text for r in self.readings)}. "
+            f"{self.readings[0].cure(task)}{first}, and import the log again."
         )
 
 

@@ -207,8 +207,9 @@ def _misread(search: _Search) -> tuple[dict[str, Any] | None, int]:
     def tell(done: int, total: int) -> None:
         progress.part("other signs, units and columns,", done, total)
 
-    found, rollouts = misread_channels(search.prepared, search.options.window, search.options.threads, tell)
-    return None if found is None else {**asdict(found), "text": found.text}, rollouts
+    prepared = search.prepared
+    found, rollouts = misread_channels(prepared, search.options.window, search.options.threads, tell)
+    return None if found is None else {**asdict(found), "text": found.text(prepared.task)}, rollouts
 
 
 def _lacks(record: EstimateRecord) -> bool:

@@ -231,13 +231,18 @@ def _import_findings(recordings: Sequence[Mapping[str, Any]]) -> list[Finding]:
         *_noted(recordings, "comment_lines", "lines of comments before the header were passed over"),
         *_noted(recordings, "repeated_rows", "repeated rows were dropped on import"),
         *_noted(recordings, "held_repeats", "repeats of samples that are held were emptied on import"),
-        *(_evened(r) for r in recordings if r.get("evened_times")),
+        *_evened({r["name"]: r["evened_times"] for r in recordings if r.get("evened_times")}),
     ]
 
 
-def _evened(recording: Mapping[str, Any]) -> Finding:
-    what = f"samples were put at even times on import: stamps were off by {1e3 * recording['evened_times']:.3g} ms"
-    return note(recording["name"], what, NOTHING_TO_DO)
+def _evened(off: Mapping[str, float]) -> list[Finding]:
+    """One note of all recordings whose stamps were `off` by so many s."""
+    if not off:
+        return []
+    where = next(iter(off)) if len(off) == 1 else f"{len(off)} recordings"
+    most = f"{'' if len(off) == 1 else 'at most '}{1e3 * max(off.values()):.3g} ms"
+    what = f"samples were put at even times on import: stamps were off by {most}"
+    return [note(where, what, NOTHING_TO_DO)]
 
 
 def _noted(recordings: Sequence[Mapping[str, Any]], key: str, what: str) -> list[Finding]:

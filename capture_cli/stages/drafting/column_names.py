@@ -17,7 +17,7 @@ class SETTINGS:
 COMMAND, EFFORT, POSITION, VELOCITY = "command", "effort", "position", "velocity"
 # Words by which loggers say what a column is
 WORDS = {
-    COMMAND: "action cmd command commanded control ctrl des desired goal input ref reference setpoint target",
+    COMMAND: "action cmd command commanded control ctrl des desired goal input ref reference setpoint target u",
     EFFORT: "amp amps current effort force mnm nm pwm tau torque trq volt voltage volts",
     POSITION: "angle actual enc encoder measured meas pos position q qpos state theta",
     VELOCITY: "dq gyro omega qd qvel rate rpm speed vel velocity",
