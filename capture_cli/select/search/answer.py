@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, field
 
 from capture_cli.common.frozen import frozen
@@ -74,9 +74,14 @@ class Answer:
 
     @property
     def outside(self) -> list[Candidate]:
-        """Candidates that are not accepted."""
-        inside = {a.name for a in self.accepted}
-        return [c for c in self.candidates if c.name not in inside]
+        """Candidates that may be added."""
+        return self.beside({a.name for a in self.accepted})
+
+    def beside(self, inside: Set[str]) -> list[Candidate]:
+        """Candidates that may be in a model with the effects `inside`: not these; and a model has one step."""
+        has_step = any(c.placed.is_shorter_step for c in self.candidates if c.name in inside)
+        others = [c for c in self.candidates if c.name not in inside]
+        return [c for c in others if not (has_step and c.placed.is_shorter_step)]
 
     @property
     def count(self) -> int:

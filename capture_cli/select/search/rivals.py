@@ -68,7 +68,7 @@ class Rivals:
         if without is None or not (by_simulation or accepted.name in screening.covered):
             return
         inside = {a.name for a in self.answer.accepted} - {accepted.name}
-        candidates = [replace(c) for c in self.answer.candidates if c.name not in inside]
+        candidates = [replace(c) for c in self.answer.beside(inside)]
         rest = self._rest(current, accepted, without)
         polished = None if self.models.is_explained(current) else ROUND.rivals
         ranked = self._scored(without, rest, candidates, by_simulation=by_simulation, polished=polished)
@@ -179,7 +179,8 @@ class Rivals:
         for accepted in some:
             inside = {a.name for a in self.answer.accepted}
             accepted.tied, others = [], []
-            for number, rival in enumerate(r for r in accepted.rivals if r.name not in inside):
+            possible = {c.name for c in self.answer.beside(inside - {accepted.name})} - inside
+            for number, rival in enumerate(r for r in accepted.rivals if r.name in possible):
                 self.answer.step("compare", number, len(accepted.rivals))
                 other = self._swapped(current, accepted, rival)
                 if other is not None:
