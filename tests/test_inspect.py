@@ -461,6 +461,8 @@ def test_a_heading_that_begins_anew_after_a_turn_is_found(tmp_path, slider_task)
         ('"q_m"', '"q_mm"\nscale = 0.001', None, None),
         ('"q_m"', '"q_mm"\ncolumn_unit = "mm"', None, None),
         ('"t_s"', '"t_ms"', "time", "time_scale = 0.001"),
+        ('"t_s"', '"t_ms"\ntime_scale = 0.001', None, None),
+        ('"t_s"', '"t_s"\ntime_scale = 0.001', "time", "time_scale = 1"),
     ],
 )
 def test_a_column_named_for_another_unit_is_asked_about(tmp_path, slider_task, old, new, where, key):
