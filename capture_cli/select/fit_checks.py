@@ -40,7 +40,7 @@ def out_of_range(models: ModelComparison, current: Fit, fit: Fit, placed: Placed
         return next(iter(ends.values()))
     x, was = fit.space.to_unit(fit.point), current.at.x
     determined = intervals(fit.at).identifiable
-    for i in range(len(models.fits.prepared.task.space)):
+    for i in range(len(current.point)):
         at_bound = min(x[i], 1 - x[i]) < SETTINGS.near_bound <= min(was[i], 1 - was[i])
         bound = fit.space.low[i] if x[i] < 0.5 else fit.space.high[i]
         if determined[i] and bound != 0 and at_bound:

@@ -45,9 +45,8 @@ class SETTINGS:
     # way that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one
     # alone comes near the floor.
     minor: float = 0.05
-    # of what the model before it leaves, three quarters, half of the error: one that takes so much is not minor,
-    # however much others took before
-    most: float = 0.75
+    # of what the model before it leaves: one that takes so much is not minor, however much others took before
+    most: float = 0.9
 
 
 _NOT_MADE = object()

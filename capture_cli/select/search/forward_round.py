@@ -179,12 +179,8 @@ class ForwardRound(Round):
         return len(places) > 1 or self.models.may_escape(fit, self._best, self.useful_error)
 
     def _little(self, fit: Fit, material: float) -> Rejection | None:
-        """What is said against a fit by how little it takes. Shorter steps, which have no value to fit, may be minor:
-        what is missing besides may need them.
-        """
-        has_values = len(fit.point) > len(self.current.point)
-        useful = self.useful_error if has_values else np.inf
-        return slight(self.current, fit, material) or leaves_something(self.current, fit, useful)
+        """What is said against a fit by how little it takes."""
+        return slight(self.current, fit, material) or leaves_something(self.current, fit, self.useful_error)
 
     @staticmethod
     def _places(law: str, candidates: Sequence[Candidate]) -> list[Candidate]:
