@@ -339,4 +339,5 @@ class _RemoteStore:
 
 def _open(location: str) -> ZarrStore | _RemoteStore:
     """The store at `location`. Raises StoreError, or of a URL FileNotFoundError, where there is none."""
-    return _RemoteStore(location) if is_url(location) else ZarrStore(Path(location))
+    made_by = "histories are made by `capture gen-histories`"
+    return _RemoteStore(location) if is_url(location) else ZarrStore(Path(location), made_by)

@@ -19,6 +19,7 @@ from capture_cli.store.memory_limit import memory_limit
 
 MAKE_AGAIN = "the store is damaged: copy it again, or make it again with the command that wrote it"
 ROOT, OLD_GROUP, OLD_ARRAY, OLD_ATTRIBUTES = "zarr.json", ".zgroup", ".zarray", ".zattrs"
+READ_IN = "a log is read in by `capture import-log FILE --task task.toml --out LOG.zarr`"
 METADATA = (ROOT, OLD_GROUP, OLD_ARRAY, OLD_ATTRIBUTES, ".zmetadata")
 
 
@@ -38,12 +39,12 @@ class SETTINGS:
 
 
 class ZarrStore:
-    """The store in the folder `path`. attributes: those of its root.
+    """The store in the folder `path`. attributes: those of its root. made_by: what to do where it is something else.
 
     Raises StoreError where there is none, or its metadata are damaged.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, made_by: str = READ_IN):
         self.path = Path(path)
         if not exists(self.path, StoreError):
             raise StoreError(f"{path} does not exist", cure="check the path")
@@ -57,7 +58,7 @@ class ZarrStore:
         if found is None or not found[0]:
             raise StoreError(
                 f"{path} is not a readable Zarr group: there is no {ROOT} or {OLD_GROUP} of a group in it",
-                cure="check the path; a log is read in by `capture import-log FILE --task task.toml --out LOG.zarr`",
+                cure=f"check the path; {made_by}",
             )
         _, _, self.attributes = found
 
