@@ -396,6 +396,14 @@ def test_no_shorter_steps_are_fitted_where_half_a_step_does_not_hold():
     assert not _settles(half, eighth, (half.name,))  # it takes something, if not enough
 
 
+def test_a_model_has_one_step(attribution):
+    model, friction = slider().prepared.task.model, of_slider("coulomb-friction@x")
+    steps = [Placed("finer-time-step", FinerTimeStep(model, site)) for site in ("half", "quarter")]
+    answer = attribution([*steps, friction]).answer
+    assert [c.name for c in answer.beside({friction.name})] == [s.name for s in steps]
+    assert [c.name for c in answer.beside({steps[0].name})] == [friction.name]
+
+
 def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkeypatch, without_pages):
     """Later, with the accepted effect in the model, a rival answers to what that one leaves."""
     rounds, compared, begun = {}, [], []
