@@ -31,6 +31,7 @@ from capture_cli.report.findings import suspicions
 from capture_cli.simulate.engine import Engine
 from capture_cli.stages import identify as stage
 from capture_cli.stages.record import record
+from capture_cli.stages.recorded.recorded_estimate import DiagnosedEstimate
 
 NOISE = {"slider": 5e-4, "arm": 1e-3}
 
@@ -250,7 +251,9 @@ def test_what_was_simulated_to_see_it_is_counted(tasks, logs, simulated):
     assert rollouts == sum(simulated) > 0
 
 
-def test_identify_says_it_and_does_not_ask_for_a_diagnosis(tasks, logs, tmp_path, monkeypatch, simulated):
+def test_identify_says_it_and_does_not_ask_for_a_diagnosis_which_says_it_again(
+    tasks, logs, tmp_path, monkeypatch, simulated, capsys
+):
     monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
     log = multiplied(logs["slider"], "outputs", [0], -1.0)
     log.write(tmp_path / "log.zarr")
@@ -265,6 +268,8 @@ def test_identify_says_it_and_does_not_ask_for_a_diagnosis(tasks, logs, tmp_path
     assert "misread" in found["summary"]
     (verdict,) = (f for f in inspect(tmp_path / "estimate", None)["findings"] if f["where"] == "verdict")
     assert verdict["cure"] == found["misread"]["text"]
+    DiagnosedEstimate.read(tmp_path / "estimate").warn_of_misread_channels()
+    assert found["misread"]["text"] in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("driven", [True, False])

@@ -1,10 +1,10 @@
 """`capture export`: its options, and what it prints."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from capture_cli.cli._results import print_json
+from capture_cli.common.warn import warn
 from capture_cli.options.base import option
 from capture_cli.options.shared import OptionalTask, Result, Writing
 
@@ -30,7 +30,7 @@ def export(options: ExportOptions) -> None:
     result, out, quiet = options.result, options.out, options.quiet
     written = stage(result=result, out=out, task=options.task, force=options.force)
     if written.verdict in ("unexplained", "not-identifiable") and not quiet:
-        print(f"warning: {result} is {written.verdict!r}. {written.summary}", file=sys.stderr)
+        warn(f"{result} is {written.verdict!r}. {written.summary}")
     if options.json_:
         beside = {"companion": str(written.companion)} if written.companion else {}
         print_json({"model": str(written.model), **beside})

@@ -1,8 +1,7 @@
 """`capture record`: its help, and what it prints."""
 
-import sys
-
 from capture_cli.cli._results import print_json
+from capture_cli.common.warn import warn
 from capture_cli.options.record import RecordOptions
 
 
@@ -15,7 +14,7 @@ def record(options: RecordOptions) -> None:
 
     recording = stage(options)
     for doubt in () if options.quiet else recording.doubts:
-        print(f"warning: {doubt}", file=sys.stderr)
+        warn(doubt)
     if options.json_:
         print_json(recording.truth)
     elif not options.quiet:

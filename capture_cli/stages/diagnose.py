@@ -58,6 +58,7 @@ def diagnose(options: DiagnoseOptions) -> Diagnosis:
         return _completed(options.out, provenance)
     warn_of_bounds(found)
     if begin is not None:
+        begin.warn_of_misread_channels()
         begin.check_task(found, "identify again with the task as it is now")
     nominal = found.space.nominal if begin is None else begin.values
     with unfinished_diagnosis(options, provenance.document()) as (folder, checkpoint):

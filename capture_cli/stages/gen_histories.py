@@ -1,6 +1,5 @@
 """`capture gen-histories`: walks from sources to targets, and what both sides show on the way (paper, Algorithm 1)."""
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
@@ -13,6 +12,7 @@ import numpy as np
 
 from capture_cli.common.extras import require
 from capture_cli.common.progress import Progress
+from capture_cli.common.warn import warn
 from capture_cli.context import observation_noise
 from capture_cli.context.checkpoints.checkpoint_hash import recorded_policy
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy, played
@@ -72,11 +72,10 @@ def gen_histories(options: GenHistoriesOptions) -> dict[str, Any]:
             machine.with_effects(asked.effects.at_middle), seed=options.seed, threads=options.threads
         )
     if isinstance(machine, AimedTask):
-        print(
-            "warning: a policy drives these episodes from the model's initial state, and a log has windows: what is "
-            "trained on them serves eval-sim2sim, and identify refuses it\n"
-            "  cure: leave --policy out where an identifier is to read logs",
-            file=sys.stderr,
+        warn(
+            "a policy drives these episodes from the model's initial state, and a log has windows: what is trained on "
+            "them serves eval-sim2sim, and identify refuses it",
+            "leave --policy out where an identifier is to read logs",
         )
     began = time.monotonic()
     with (

@@ -1,9 +1,9 @@
 """Bounds of parameters that are so wide that a fit may stand still, or far from what the model itself says."""
 
-import sys
 from collections.abc import Iterator
 
 from capture_cli.common.quantities import bound, significant, with_unit
+from capture_cli.common.warn import warn
 from capture_cli.log.checks.base import Finding, warning
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.target_names import attribute_of
@@ -68,4 +68,4 @@ def _bounds(parameter: Parameter) -> str:
 def warn_of_bounds(task: Task) -> None:
     """Warn on stderr of bounds by which a fit may take long, and be wrong."""
     for f in doubtful_bounds(task):
-        print(f"warning: {f['where']}: {f['message']}\n  cure: {f['cure']}", file=sys.stderr)
+        warn(f"{f['where']}: {f['message']}", f["cure"])

@@ -8,6 +8,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
+from capture_cli.common.warn import warn
 from capture_cli.context.identifiers.base import Rounds
 from capture_cli.errors import CaptureError, OptionError
 from capture_cli.estimate.log_requirements import check_fits
@@ -118,6 +119,11 @@ class DiagnosedEstimate(RecordedEstimate):
                 cure="leave --estimate out",
             )
         return load_recorded(self.path, self.provenance, given, str(log.path))
+
+    def warn_of_misread_channels(self) -> None:
+        """Say what it says of them: an effect would stand in for a sign or a unit."""
+        if misread := self.estimate.record.misread:
+            warn(f"{self.path}: {misread['text']}")
 
     def taken_over(self, options: DiagnoseOptions) -> DiagnoseOptions:
         """The options of the diagnosis."""
