@@ -54,7 +54,8 @@ class PreparedLog:
     difference_step: the least share of a parameter's range that finite differences take, as of `difference_step`.
     rollouts: how many windows were simulated to make it ready. input_timings: how inputs act between rows, as far as
     the log tells, and `balanced`: where the balance that was asked for that has the parameters. screening: of all
-    effects in the force balance of what selects them, where that was asked.
+    effects in the force balance of what selects them, where that was asked. left (window,): mean squared error of the
+    declared model, where windows are dealt out by that.
     """
 
     task: Task
@@ -68,6 +69,7 @@ class PreparedLog:
     input_timings: Sequence[InputTiming] = ()
     balanced: Balanced | None = None
     screening: Screening | None = None
+    left: np.ndarray | None = None
 
     @property
     def recording(self) -> np.ndarray:

@@ -21,7 +21,7 @@ from capture_cli.estimate.limits import with_limits
 from capture_cli.estimate.log_balance import balanced_point
 from capture_cli.estimate.log_requirements import all_diverged, check_parameters_move_outputs
 from capture_cli.estimate.model_fits import Effort, ModelFits
-from capture_cli.estimate.noise.lack_of_fit import lack_held_out
+from capture_cli.estimate.noise.lack_of_fit import lack_held_out, lack_of_fit
 from capture_cli.estimate.noise.repeated_noise import with_noise_of_repeats
 from capture_cli.estimate.noise.residual_noise import with_noise_of_residual, with_outliers
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -135,7 +135,7 @@ def _begin(
     free: bool = False,
 ) -> _Declared:
     """Declare the model; on from there where what it leaves shows another noise than the log, anew where contacts
-    there need longer differences; until neither is so.
+    there need longer differences, or what is fitted shows nothing of what is missing; until none is so.
 
     free: not with the initial states that the actions say. rollouts: how many windows were simulated before.
     """
@@ -155,8 +155,8 @@ def _begin(
 
 
 def _better_prepared(prepared: PreparedLog, protocol: _Protocol, declared: Fit) -> PreparedLog:
-    """`prepared` with the noise that what `declared` leaves shows, or with differences as long as contacts need there;
-    itself where it has both.
+    """`prepared` with the noise that what `declared` leaves shows, with differences as long as contacts need there, or
+    with its windows dealt out by what is left of them; itself where it has all.
     """
     fitted, threads = protocol.parts.fitted, protocol.settings.threads
     quieter = with_noise_of_residual(prepared, fitted, declared, threads)
@@ -164,7 +164,27 @@ def _better_prepared(prepared: PreparedLog, protocol: _Protocol, declared: Fit) 
         return quieter
     step, rollouts = difference_step(fitted, threads, declared.point, declared.corrections)
     protocol.fits.rollouts += rollouts
-    return replace(prepared, difference_step=step) if step > prepared.difference_step else prepared
+    if step > prepared.difference_step:
+        return replace(prepared, difference_step=step)
+    left = None if prepared.left is not None else _left_where_it_judges(protocol, declared)
+    return prepared if left is None else replace(prepared, left=left, screening=None)
+
+
+def _left_where_it_judges(protocol: _Protocol, declared: Fit) -> np.ndarray | None:
+    """What `declared` leaves of each window, 0 of what is held out, (window,), where it leaves something of those that
+    judge and nothing of those that are fitted: these show too little of what is missing, as of rare impacts.
+    """
+    parts, select = protocol.parts, protocol.parts.windows(SELECT)
+    if select is None or lack_of_fit(declared.at).lacking:
+        return None
+    judged = protocol.fits.on(select, declared)
+    if not lack_held_out(judged.data, judged.residual).lacking:
+        return None
+    both = protocol.fits.on(parts.windows(FIT, SELECT), declared)
+    left = np.zeros(len(parts.number))
+    rows = np.maximum(both.data.mask.sum(axis=(1, 2)), 1)
+    left[parts.number != TEST] = np.square(both.residual).sum(axis=1) / rows
+    return left
 
 
 class _Protocol:

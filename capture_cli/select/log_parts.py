@@ -38,7 +38,7 @@ class LogParts:
     def of(cls, prepared: PreparedLog) -> LogParts:
         """What is held out stays so; the others are fitted, or choose where there are enough of them."""
         is_test = prepared.split.is_test
-        folds = select_folds(prepared.windows, is_test)
+        folds = select_folds(prepared.windows, is_test, prepared.left)
         return cls(prepared, folds, np.where(is_test, TEST, np.where(folds.balance, FIT, SELECT)))
 
     def windows(self, *parts: int) -> PreparedLog | None:
@@ -70,15 +70,17 @@ class Folds:
         return np.any([self.fit, *(judged for _, judged in self.folds)], axis=0)
 
 
-def select_folds(windows: Windows, is_test: np.ndarray) -> Folds:
+def select_folds(windows: Windows, is_test: np.ndarray, left: np.ndarray | None = None) -> Folds:
     """Folds of the windows that are not test (window,): every third block judges, of few windows each in turn.
 
     Recordings of an experiment go through its conditions in some order, and every third of them may be of one. So each
     recording has blocks that are fitted and blocks that judge. Those that are shorter than a block take turns in the
     order of how much moves in them, whatever the order of the log.
+
+    left (window,): what the declared model leaves of each; then single windows take turns in the order of that.
     """
     rest = np.flatnonzero(~is_test)
-    order, turn = _turns(windows.rows(rest))
+    order, turn = _turns(windows.rows(rest)) if left is None else _ranked(left[rest])
     judged = np.zeros(len(windows), dtype=bool)
     if len(rest) >= SETTINGS.enough_windows:
         judged[rest[turn % SETTINGS.judging == 1]] = True
@@ -109,6 +111,12 @@ def _turns(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
     order = np.lexsort((np.arange(len(rank)), rank))
     first = np.searchsorted(episode, episode)  # the windows of an episode are in a row
     return order, rank + (np.arange(len(rank)) - first) // SETTINGS.block
+
+
+def _ranked(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The windows (window,) by their values, and how many come before each."""
+    order = np.argsort(values, kind="stable")
+    return order, np.argsort(order, kind="stable")
 
 
 def _motion(windows: Windows) -> np.ndarray:
