@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from balances import Made
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_cli.log.arrays import Log
 from capture_cli.log.input_sequences import HELD
 from capture_cli.log.windows import Windows, cut
-from capture_cli.select.log_parts import SETTINGS, select_folds
+from capture_cli.select.explain import Settings, _begin
+from capture_cli.select.log_parts import FIT, SELECT, SETTINGS, TEST, LogParts, select_folds
 
 SAMPLES, STEP = 8, 1 / 128  # of a window; s
 
@@ -88,3 +91,28 @@ def test_of_a_long_log_a_few_windows_of_each_recording_are_fitted(windows):
     assert fit.sum() == min(SETTINGS.fitted, folds.balance.sum())
     of_each, fitted = (np.bincount(long.episode[some], minlength=9) for some in (folds.balance, fit))
     assert (fitted[of_each > 0] > 0).all()
+
+
+def test_windows_in_which_something_is_left_are_fitted_and_judge():
+    windows, left = windows_of([(1.0, 18)]), np.zeros(18)
+    alone = [6, 7, 8]  # in one block, which judges or does not
+    left[alone] = 1.0
+    ((fit, judged),) = select_folds(windows, np.zeros(18, dtype=bool), left).folds
+    assert (fit[alone].sum(), judged[alone].sum()) == (2, 1)
+    assert judged.sum() == 6
+
+
+def test_what_shows_only_where_it_judges_is_dealt_out_again():
+    """As rare impacts may. Nothing is dealt out where nothing is left, nor twice."""
+    prepared = Made.of("slider").prepared
+    parts = LogParts.of(prepared)
+    judging = np.flatnonzero(parts.number == SELECT)
+    measured = prepared.windows.measured.copy()
+    measured[judging[:3], 60:] += 20 * prepared.noise.sd
+    hit = replace(prepared, windows=replace(prepared.windows, measured=measured))
+    for log, dealt in ((prepared, False), (hit, True)):
+        begun = _begin(log, Made.of("slider").truth, Settings(threads=1), lambda *_: None, 0)
+        assert (begun.prepared.left is not None) == dealt
+        number = begun.protocol.parts.number
+        assert (number == TEST).tolist() == prepared.split.is_test.tolist()
+        assert ((number[judging[:3]] == FIT).any()) == dealt
