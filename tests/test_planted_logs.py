@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from itertools import islice
 
@@ -198,7 +199,7 @@ def test_elsewhere_a_machine_moves_in_time_and_not_in_steps_of_its_model():
     there = made.outputs()[:25]
     made.elsewhere = False
     own = made.outputs()[:25]
-    model = made.task.model.__copy__()
+    model = copy(made.task.model)
     model.opt.integrator, steps = mujoco.mjtIntegrator.mjINT_RK4, round(1 / RATE / model.opt.timestep)
     data, moved = mujoco.MjData(model), []
     for ctrl in made.inputs[:25]:

@@ -128,7 +128,7 @@ class Extension:
         effect, and looks like several. Asked first, beside the best that the balance has, where simulations promise it.
         """
         asked = [c for c in self.answer.outside if c.placed.is_shorter_step]
-        if not asked or any(e.is_shorter_step for e in current.effects) or self.models.is_explained(current):
+        if not asked or self.models.is_explained(current):
             return None
         Scores(self.models, current, self.answer.step).score(asked)
         _, at = thinned(self.models.fit_part, current)

@@ -67,9 +67,9 @@ def kind_of(result: Path) -> type[Estimate] | type[Diagnosis]:
     for kind in (Diagnosis, Estimate):
         if (result / f"{kind.NAME}.json").is_file():
             return kind
-    missing = f"{result} does not exist"
+    what = "holds neither estimate.json nor diagnosis.json" if result.exists() else "does not exist"
     raise StoreError(
-        f"{result} holds neither estimate.json nor diagnosis.json" if result.exists() else missing,
+        f"{result} {what}",
         cure="give a directory that `capture identify` or `capture diagnose` made",
     )
 
